@@ -164,7 +164,8 @@ def _lasting_heat(run: RunFiles) -> list[Finding]:
         )
         title = f"Unmodelled heat is large: {worst}, {percent(share, 0)} of what flows"
         return [Finding("warn", title, text, not_for=_doubted_by_heat(run), then=CHECK)]
-    text = f"The telemetry proves no more than {percent(share)} of the mean heat through any node ({worst})."
+    largest, share, _ = max(found, key=lambda own: own[1])
+    text = f"The telemetry proves no more than {percent(share)} of the mean heat through any node ({largest})."
     if likely := max(node_heats(run), key=lambda own: own.most, default=None):
         text += f" Expected are up to {percent(likely.most)} ({likely.node}), which may as well be parameters."
     text += taken

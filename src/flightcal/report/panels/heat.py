@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
-from ...probability import pattern
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles, draws
@@ -21,7 +20,7 @@ LARGE, IMPLAUSIBLE = 0.1, 0.3
 """Shares of the flow through a node above which its heat wants caution, and above which it is hardly believed."""
 
 USUAL = 0.05
-"""The pattern's prior scale for which these hold: where the scenario writes more, so much more is believed."""
+"""The prior scale of both parts for which these hold: where the scenario writes more, so much more is believed."""
 
 WANDERING = 0.03
 """The same of its slow part: up to 1.3% in satellites that are right, up to 6% where heat drifts."""
@@ -29,7 +28,6 @@ WANDERING = 0.03
 MOST_NODES = 12
 """Nodes that the figure shows; the table has all of them."""
 
-PHASES = 97
 PHASE = "orbit phase, orbits"
 ROW_HEIGHT = 170
 
@@ -57,14 +55,16 @@ class NodeHeat:
     node: str
     flow: float
     """W, mean absolute heat through it at the prior's median."""
+    constant: Size | None
     pattern: Size | None
+    """Of what varies; None without harmonics."""
     slow: Size | None
     places: Array
     """[P] orbits; over a driver its values, in its SI unit."""
     expected: Array
-    """[P] W, of the pattern; empty without one."""
-    band: tuple[Array, Array] | None
-    """[P] W, 95% of it; None where the run does not say."""
+    """[P] W, of constant and pattern together."""
+    band: tuple[Array, Array]
+    """[P] W, 95% of it."""
 
     @property
     def share(self) -> float:
@@ -72,15 +72,14 @@ class NodeHeat:
 
         A mean of absolute values over the orbit, as the flow is one. What could as well be parameters is not counted.
         """
-        if not self.expected.size:
-            return 0.0
-        low, high = self.band or (self.expected, self.expected)
+        low, high = self.band
         return float(np.maximum(0.0, np.maximum(low, -high)).mean()) / self.flow
 
     @property
     def allowed(self) -> float:
         """How many times as much heat as usual the scenario expects, at least 1."""
-        return 1.0 if self.pattern is None else max(1.0, self.pattern.prior / (USUAL * self.flow))
+        priors = [part.prior for part in (self.constant, self.pattern) if part is not None]
+        return max([1.0, *(prior / (USUAL * self.flow) for prior in priors)])
 
     @property
     def wandering(self) -> float:
@@ -92,7 +91,7 @@ class NodeHeat:
     @property
     def most(self) -> float:
         """Of the flow: mean absolute value of the expected pattern."""
-        return float(np.abs(self.expected).mean()) / self.flow if self.expected.size else 0.0
+        return float(np.abs(self.expected).mean()) / self.flow
 
 
 @section("heat", "Heat that the simulator lacks")
@@ -102,8 +101,8 @@ def panel(run: RunFiles) -> list[Block]:
         return []
     nodes, over = node_heats(run), str(run.heat.get("over") or "")
     shown = sorted(sorted(nodes, key=lambda own: -own.most)[:MOST_NODES], key=nodes.index)
-    shown = [own for own in shown if own.expected.size]
-    blocks = [
+    rest = f" The {len(shown)} nodes with the largest shares; the table has all." if len(shown) < len(nodes) else ""
+    return [
         block.text(
             "Each node takes up heat that no block of the scenario describes. It is calibrated with the parameters. "
             f"The pattern is a function of {f'the driver {over}' if over else 'the orbit phase'}. Where that is the "
@@ -111,27 +110,23 @@ def panel(run: RunFiles) -> list[Block]:
             "learnt from, and fades within a few hours. Gains are relative errors of modes, loads and absorbed fluxes; "
             "they carry over too. Predictions contain all of this: it is injected into the simulator, so that "
             "thermostats answer to it."
-        )
-    ]
-    if shown:
-        rest = f" The {len(shown)} nodes with the largest shares; the table has all." if len(shown) < len(nodes) else ""
-        interval = " Band: its 95% interval." if any(own.band for own in shown) else ""
-        caption = (
-            f"Expected pattern of unmodelled heat over {over or 'the orbit'}. Left axis: W. Right axis: share of the "
-            f"mean heat that flows through the node.{interval}{rest}"
-        )
-        blocks.append(block.figure(figure_pattern(shown, over or PHASE), caption, wide=True))
-    return [
-        *blocks,
-        block.table(sizes(nodes, gains(run)), "Nothing of it was modelled."),
+        ),
+        block.figure(
+            figure_pattern(shown, over or PHASE),
+            f"Expected pattern of unmodelled heat over {over or 'the orbit'}, its constant included. Left axis: W. "
+            f"Right axis: share of the mean heat that flows through the node. Band: its 95% interval.{rest}",
+            wide=True,
+        ),
+        block.table(sizes(nodes, gains(run))),
         block.text(
             "Size: standard deviation, posterior median [95%]; beneath, its share of the flow and its prior's scale. "
             "Flow: mean absolute heat through the node at the prior's median. Heat that is for sure, beyond its 95% "
-            "interval, above 10% of the flow wants a "
-            "reason, such as a load or a shadow that the scenario lacks. Above 30% look for a wrong set-up first: "
-            "attitude, areas, time tags, units. Heat can make up for these in the fit, but not in another season or "
-            "attitude. Where the scenario expects more than 5% ('heat: pattern: scale'), these limits are higher by as "
-            "many times. A slow part above 5% wants a reason too, such as a mode or a load that comes and goes."
+            f"interval, above {LARGE:.0%} of the flow wants a reason, such as a load or a shadow that the scenario "
+            f"lacks. Above {IMPLAUSIBLE:.0%} look for a wrong set-up first: attitude, areas, time tags, units. Heat "
+            "can make up for these in the fit, but not in another season or attitude. Where the scenario expects more "
+            f"than {USUAL:.0%} ('heat: pattern: scale'), these limits are higher by as many times. A slow part above "
+            f"{WANDERING:.0%} that is for sure larger than its prior's scale wants a reason too, such as a mode or a "
+            "load that comes and goes."
         ),
     ]
 
@@ -141,14 +136,17 @@ def node_heats(run: RunFiles) -> list[NodeHeat]:
     model = run.heat
     if model is None:
         return []
-    phase, expected, bands = _patterns(run, model)
+    assert run.posterior is not None
+    of_draws = run.posterior["heat"]["pattern"].transpose("node", "heat_draw", "place")
+    places = np.asarray(of_draws["place"].values, float)
     found = []
-    for k, node in enumerate(model["nodes"]):
+    for k, (node, flow, pattern) in enumerate(zip(model["nodes"], model["flow"], of_draws.values, strict=True)):
         sizes = {own["part"]: _size(run, own) for own in model["groups"] if own["node"] == k}
+        low, high = np.quantile(pattern, [0.025, 0.975], axis=0)
         found.append(
             NodeHeat(
-                node, float(model["flow"][k]), sizes.get("pattern"), sizes.get("slow"), phase,
-                expected.get(node, np.empty(0)), bands.get(node),
+                node, float(flow), sizes.get("constant"), sizes.get("pattern"), sizes.get("slow"), places,
+                pattern.mean(axis=0), (low, high),
             )
         )  # fmt: skip
     return found
@@ -168,29 +166,6 @@ def _size(run: RunFiles, group: Record) -> Size | None:
     return Size((low, median, high), float(group["size"]))
 
 
-def _patterns(run: RunFiles, model: Record) -> tuple[Array, dict[str, Array], dict[str, tuple[Array, Array]]]:
-    """Phases [P], and of each node the expected pattern [P] W, and its 95% where the run has draws of it."""
-    assert run.posterior is not None
-    kept = run.posterior["heat"].to_dataset()
-    if "pattern" in kept:
-        of_draws = kept["pattern"].transpose("heat_draw", "node", "place")
-        named = of_draws["node"].values if "node" in of_draws.coords else model["nodes"]
-        places = of_draws["place"].values
-        low, high = np.quantile(of_draws.values, [0.025, 0.975], axis=0)
-        names = [str(name) for name in named]
-        bands = {name: (low[k], high[k]) for k, name in enumerate(names)}
-        return np.asarray(places, float), dict(zip(names, of_draws.values.mean(axis=0), strict=True)), bands
-    phase, expected, first = np.linspace(0.0, 1.0, PHASES), {}, 0
-    for group, directions, functions in zip(model["groups"], model["kept"], model["functions"], strict=True):
-        basis = np.array(directions, float).reshape(functions, -1)
-        weights = basis @ np.array(model["centre"][first : first + basis.shape[1]], float)
-        first += basis.shape[1]
-        if group["part"] == "pattern":
-            # A constant alone where the orbit phase is not known.
-            expected[model["nodes"][group["node"]]] = weights @ pattern(phase, (functions - 1) // 2)
-    return phase, expected, {}
-
-
 def state(share: float, allowed: float = 1.0) -> str:
     """State of a share of the flow: nothing, warn or bad. allowed: see `NodeHeat`."""
     return "bad" if share > IMPLAUSIBLE * allowed else "warn" if share > LARGE * allowed else ""
@@ -198,38 +173,34 @@ def state(share: float, allowed: float = 1.0) -> str:
 
 def sizes(nodes: Sequence[NodeHeat], of_gains: Size | None) -> Table:
     """Sizes of heat by node, in W and as a share of the flow, and a mark where they are large."""
-    rows = []
+    rows: list[list[str]] = []
     for own in nodes:
-        peak = float(np.abs(own.expected).max(initial=0.0))
-        largest: str = "–"
-        if own.expected.size:
-            largest = Cell(
-                f"{number(peak, 3)}\n{percent(peak / own.flow)} of the flow", state(peak / own.flow, own.allowed)
-            )
+        peak = float(np.abs(own.expected).max())
+        largest = f"{number(peak, 3)}\n{percent(peak / own.flow)} of the flow"
         mark = state(own.share, own.allowed)
         rows.append(
-            [own.node, number(own.flow, 3), _cell(own.pattern, own.flow, own.allowed), largest,
-             _cell(own.slow, own.flow), Cell(WORDS[mark], mark)]
+            [own.node, number(own.flow, 3), _cell(own.constant, own.flow), _cell(own.pattern, own.flow),
+             Cell(largest, mark), Cell(_cell(own.slow, own.flow), "warn" if own.wandering > WANDERING else ""),
+             Cell(WORDS[mark], mark)]
         )  # fmt: skip
     if of_gains is not None:
         low, median, high = of_gains.quantiles
         text = f"{percent(median)} [{percent(low)}, {percent(high)}]\nprior {percent(of_gains.prior)}"
-        mark = state(median)
-        rows.append(["gains of all nodes", "–", Cell(text, mark), "–", "–", Cell(WORDS[mark], mark)])
+        mark = state(low)
+        rows.append(["gains of all nodes", "–", "–", Cell(text, mark), "–", "–", Cell(WORDS[mark], mark)])
     header = (
-        "node", "flow through it, W", "pattern or gain, size, W", "largest of the expected pattern, W",
-        "slow part, size, W", "in words",
+        "node", "flow through it, W", "constant, size, W", "pattern or gain, size, W",
+        "largest of the expected pattern, W", "slow part, size, W", "in words",
     )  # fmt: skip
-    return Table(header, rows, range(1, 5))
+    return Table(header, rows, range(1, 6))
 
 
-def _cell(size: Size | None, flow: float, allowed: float = 1.0) -> str:
+def _cell(size: Size | None, flow: float) -> str:
     if size is None:
         return "–"
     low, median, high = size.quantiles
     watts = f"{number(median, 3)} [{number(low, 3)}, {number(high, 3)}]"
-    words = f"{watts}\n{percent(median / flow)} of the flow; prior {number(size.prior, 3)}"
-    return Cell(words, state(median / flow, allowed))
+    return f"{watts}\n{percent(median / flow)} of the flow; prior {number(size.prior, 3)}"
 
 
 def figure_pattern(nodes: Sequence[NodeHeat], over: str = PHASE) -> go.Figure:
@@ -242,14 +213,13 @@ def figure_pattern(nodes: Sequence[NodeHeat], over: str = PHASE) -> go.Figure:
     )
     for k, own in enumerate(nodes):
         place = {"row": k // columns + 1, "col": k % columns + 1}
-        limits = [*(own.band or ()), own.expected, np.zeros(1)]
+        limits = [*own.band, own.expected, np.zeros(1)]
         low, high = min(values.min() for values in limits), max(values.max() for values in limits)
         pad = 0.06 * max(high - low, 1e-6 * own.flow)
         ends = np.array([low - pad, high + pad])
         figure.add_hline(y=0.0, line={"color": LINE, "width": 1}, secondary_y=False, **place)
-        if own.band is not None:
-            x, y = polygons(own.places, *own.band)
-            band(figure, x.astype(np.float32), y.astype(np.float32), "95% interval", "band", BAND, **place)
+        x, y = polygons(own.places, *own.band)
+        band(figure, x.astype(np.float32), y.astype(np.float32), "95% interval", "band", BAND, **place)
         figure.add_scatter(
             x=own.places.astype(np.float32), y=own.expected.astype(np.float32), name="expected pattern", mode="lines",
             legendgroup="pattern", showlegend=k == 0, line={"color": STOCHASTIC, "width": 1.8},
