@@ -160,9 +160,10 @@ def test_scores_are_those_of_unseen_windows_and_the_page_shows_them(tmp_path):
     assert content["blocks"]["iid"]["unreliable"] == 1
     scores = content["means"]["iid"] | {"rmse": 4.321, "passed": False}
     content["left_out"] = {"iid": {"june": scores}}
-    (tmp_path / "comparison.json").write_text(json.dumps(content))
+    (tmp_path / "comparison.json").write_text(json.dumps(content | {"interval": 0.8}))
     page = write_comparison(tmp_path).read_text(encoding="utf-8")
     assert "Recommended: iid" in page
+    assert "inside the 80% interval, to be near 80%" in page
     assert "Not converged: phase" in page
     assert "1 of 2" in page
     assert "Training windows left out" in page
@@ -199,7 +200,7 @@ def test_a_comparison_with_backtests_is_ranked_by_them(tmp_path):
     passed = {"iid": True, "phase": True}
     content = plain(comparison_of("Toy", {"iid": metrics, "phase": metrics}, loos, passed, backtests))
     assert content["recommended"] == "phase"
-    (tmp_path / "comparison.json").write_text(json.dumps(content))
+    (tmp_path / "comparison.json").write_text(json.dumps(content | {"interval": 0.95}))
     page = write_comparison(tmp_path).read_text(encoding="utf-8")
     assert "Rolling origins" in page
     assert "4 of 5" in page
@@ -277,7 +278,9 @@ def test_nothing_is_recommended_on_a_difference_within_its_error(tmp_path, error
     words = "cannot be told from 'iid'"
     assert (words in content["reason"]) == (recommended is None)
     assert "'time'" not in content["reason"].split(" worse)")[0]
-    (tmp_path / "comparison.json").write_text(json.dumps(content | {"failed_gates": {"time": ["R-hat 1.2 (link)"]}}))
+    (tmp_path / "comparison.json").write_text(
+        json.dumps(content | {"failed_gates": {"time": ["R-hat 1.2 (link)"]}, "interval": 0.95})
+    )
     page = write_comparison(tmp_path).read_text(encoding="utf-8")
     assert ("No model is recommended" in page) == (recommended is None)
     assert "time: R-hat 1.2 (link)" in page

@@ -104,11 +104,12 @@ def test_a_backtest_in_the_run_s_folder_is_shown_first_among_the_reasons(slim_ru
         score | {"band": "8 orbits", "rmse": 0.7},
         score | {"channel": "tank", "band": "x"},
     ]
-    content = {"held": 4, "origins": [{}] * 5, "scores": scores}
+    content = {"held": 4, "origins": [{}] * 5, "scores": scores, "interval": 0.8}
     (slim_run / "backtest" / "backtest.json").write_text(json.dumps(content), encoding="utf-8")
     page = write_report(slim_run).read_text(encoding="utf-8")
     assert sections(page)[4:6] == ["why", "backtest"]
     assert "Intervals held after 4 of 5 origins." in page
+    assert "inside the 80% interval" in page
     part = page[page.index('id="backtest"') : page.index('id="reliability"')]
     assert re.findall(r'<td class="[^"]*">(.*?)</td>', part)[::5] == ["1 orbit", "8 orbits"]
     assert '<a href="backtest/report.html">' in part

@@ -7,9 +7,12 @@ import pytest
 
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
 from flightcal.prediction.holding import replicate
+from flightcal.report.comparison_page import _covers
 from flightcal.report.findings import in_few_words, value_of
 from flightcal.report.panels.picture import choose
 from flightcal.report.verdict import CONVERGED, HOLD, RIGHT, verdict_of
+
+from .synthetic_run import panels
 
 
 def sampled(run):
@@ -126,3 +129,17 @@ def test_the_noise_of_every_window_that_was_trained_on_is_judged(run):
     assert answer.state == "bad"
     assert answer.worst.text.startswith("In “train.b” the residuals of")
     assert choose(dataclasses.replace(right, windows=windows)).worst == "payload_temperature"
+
+
+def test_an_interval_of_another_probability_is_called_so(run):
+    windows = {name: window.assign_attrs(interval=0.8) for name, window in fitted(run).windows.items()}
+    own = dataclasses.replace(fitted(run), windows=windows)
+    assert "inside the 80% interval" in verdict_of(own).answers[2].worst.text
+    words = " ".join(block.text for section in panels(own) for block in section.blocks)
+    for said in ("predicted mean and 80% interval", "share of telemetry inside the 80% interval; MPIW"):
+        assert said in words
+
+
+@pytest.mark.parametrize(("nominal", "share", "right"), [(0.95, 0.91, True), (0.8, 0.7, True), (0.8, 0.98, False)])
+def test_a_comparison_s_coverage_is_held_to_its_interval(nominal, share, right):
+    assert _covers(share, nominal) == right

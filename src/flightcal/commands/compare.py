@@ -176,6 +176,7 @@ def compare_models(
         }
         content = comparison_of(scenario.name, metrics, loos, passed, backtests, predictions)
         content |= {"left_out": others, "failed_gates": {model: _failed(own) for model, own in summaries.items()}}
+        content["interval"] = scenario.calibration.prediction.interval
         write_json(folder / _RESULT, plain(content))
         write_comparison(folder)
         return Comparison(folder, summaries, content)

@@ -53,7 +53,7 @@ def write_comparison(folder: Path) -> Path:
 def _findings(content: Record) -> list[Finding]:
     recommended = content["recommended"]
     share = None if recommended is None else content["means"][recommended]["picp"]
-    right = share is not None and 0.9 <= share <= 0.99
+    right = share is not None and _covers(share, content["interval"])
     if rolling := content.get("backtest", {}).get(recommended):
         right = rolling["held"] == rolling["origins"]
     title = "No model is recommended"
@@ -99,18 +99,18 @@ def _scores(content: Record) -> list[Block]:
     for model in content["models"]:
         cells = [f"{model}\n{WORDS[model]}"]
         for metric, value in ((metric, content["means"][model][metric]) for metric in SCORES):
-            off = metric == "picp" and value is not None and not 0.9 <= value <= 0.99
+            off = metric == "picp" and value is not None and not _covers(value, content["interval"])
             is_best = value is not None and value == best[metric]
             cells.append(Cell(_shown(metric, value), "bad" if off else "good" if is_best else ""))
         rows.append(cells)
-    header = ("model", *(title for title, _, _ in SCORES.values()))
+    header, share = ("model", *(title for title, _, _ in SCORES.values())), f"{100 * content['interval']:g}%"
     return [
         block.table(Table(header, rows, range(1, len(header)))),
         block.text(
             "Means over the windows that the calibration has not seen, of all channels together; the best of each "
-            "score is set off. PICP: share of telemetry inside the 95% interval, to be near 95%; MPIW: its mean width, "
-            "which counts only where the interval covers; CRPS and log score judge the whole predicted distribution. "
-            "The log score is the mean logarithm of the predicted density (per kelvin), larger is better.",
+            f"score is set off. PICP: share of telemetry inside the {share} interval, to be near {share}; MPIW: its "
+            "mean width, which counts only where the interval covers; CRPS and log score judge the whole predicted "
+            "distribution. The log score is the mean logarithm of the predicted density (per kelvin): larger is better."
         ),
     ]
 
@@ -156,6 +156,11 @@ def _left_out(content: Record) -> list[Block]:
             "So settings can be chosen by this table, and the unseen windows above remain unseen.",
         ),
     ]
+
+
+def _covers(share: float, nominal: float) -> bool:
+    """Whether an interval leaves out about as much as it should: a fifth of it to twice as much."""
+    return 0.2 * (1.0 - nominal) <= 1.0 - share <= 2.0 * (1.0 - nominal)
 
 
 def _shown(metric: str, value: float | None) -> str:

@@ -115,6 +115,16 @@ class RunFiles:
         return {name: window for name, window in self.windows.items() if not is_trained(name)}
 
     @property
+    def nominal(self) -> float:
+        """Probability of the intervals of temperatures."""
+        return next((float(window.attrs["interval"]) for window in self.windows.values()), 0.95)
+
+    @property
+    def interval(self) -> str:
+        """What they are called, such as ``95% interval``."""
+        return f"{100 * self.nominal:g}% interval"
+
+    @property
     def sampled(self) -> list[ParameterInfo]:
         """Parameters of which the posterior has draws; none without a posterior."""
         known = self.posterior["posterior"].data_vars if self.posterior is not None else {}

@@ -84,9 +84,8 @@ def _interval(run: RunFiles, window: str) -> str:
     if coverage is None:
         return ""
     attributes = run.windows[window].attrs if window in run.windows else {}
-    nominal = float(attributes.get("interval", 0.95))
     words = (
-        f"The {100 * nominal:g}% interval holds {percent(coverage)} of the telemetry of all channels (PICP) and is "
+        f"The {run.interval} holds {percent(coverage)} of the telemetry of all channels (PICP) and is "
         f"{number(width, 3)} K wide on average (MPIW)."
     )
     shares = {

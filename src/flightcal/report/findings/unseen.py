@@ -62,9 +62,8 @@ def holding(run: RunFiles) -> Finding:
         details.append(f"“{name}”: {listed(words)}.")
         if outside := unseen(window):
             details.append(f"“{name}”: {outside}")
-    interval = float(next(iter(windows.values())).attrs.get("interval", 0.95))
     text = (
-        f"Share of the telemetry inside the {interval:.0%} interval, and in brackets where the share of a right "
+        f"Share of the telemetry inside the {run.interval}, and in brackets where the share of a right "
         f"prediction lies: in all channels and windows together with {HELD:.0%} probability. Samples that follow each "
         "other share their errors. Where these are larger than any of a right prediction, it does not hold either."
     )

@@ -24,6 +24,12 @@ def panel(run: RunFiles) -> list[Block]:
         for own in content["scores"]
         if own["origin"] == own["channel"] == "all" and own["samples"]
     ]
-    header = ("how far ahead", "inside the 95% interval", "RMSE, K", "width of the interval, K", "CRPS, K")
+    header = (
+        "how far ahead",
+        f"inside the {100 * content['interval']:g}% interval",
+        "RMSE, K",
+        "width of the interval, K",
+        "CRPS, K",
+    )
     table = Table(header, rows, range(1, 5))
     return [block.text(words), block.table(table), block.links("Its page:", [("backtest/report.html", "")])]

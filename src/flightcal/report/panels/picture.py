@@ -60,7 +60,7 @@ def panel(run: RunFiles) -> list[Block]:
     figure = figure_stochastic(shown, bins(run) // 2, heights=HEIGHTS, titles=titles)
     figure.update_layout(showlegend=False, margin={"t": 24})
     seen = "which was not trained on" if chosen.window in run.test_windows else "which was trained on"
-    words = f"Window “{chosen.window}”, {seen}. Dots: telemetry. Line and band: predicted mean and 95% interval."
+    words = f"Window “{chosen.window}”, {seen}. Dots: telemetry. Line and band: predicted mean and {run.interval}."
     if heaters:
         words += " Beneath: heaters; grey: on in telemetry, ochre: not known, line: predicted probability of on."
     if "eclipse" in window and bool((window["eclipse"] < 0.5).any()):

@@ -38,9 +38,10 @@ def panel(run: RunFiles) -> list[Block]:
         block.table(by_channel(run.metrics)),
         block.folded("Every score of every method", all_scores(run.metrics)),
         block.text(
-            "Only samples that were not used for the initial state count. PICP: share of telemetry inside the 95% "
-            "interval; MPIW: mean width of that interval; CRPS: continuous ranked probability score, for a point "
-            "method its mean absolute error. MAPE in °C is undefined (–) where telemetry comes within 1 °C of 0 °C."
+            "Only samples that were not used for the initial state count. PICP: share of telemetry inside the "
+            f"{run.interval}; MPIW: mean width of that interval; CRPS: continuous ranked probability score, for a "
+            "point method its mean absolute error. MAPE in °C is undefined (–) where telemetry comes within 1 °C of "
+            "0 °C."
         ),
     ]
 
@@ -80,7 +81,7 @@ def others(run: RunFiles) -> list[Block]:
         return []
     words = (
         f"{' '.join(_OTHERS[model] for model in run.beside if model in _OTHERS)} All were calibrated on the same "
-        "telemetry. A coverage (PICP) near 95% is right; all other scores are better when smaller."
+        f"telemetry. A coverage (PICP) near {100 * run.nominal:g}% is right; all other scores are better when smaller."
     )
     found = [block.heading("Beside other models"), block.text(words), block.table(beside(run))]
     return [*found, block.table(beside_by_channel(run))] if any(m.channel != "all" for m in run.metrics) else found
@@ -128,7 +129,7 @@ def beside_by_channel(run: RunFiles) -> Table:
         ]
         for place in _places(run.metrics)
     ]
-    groups = (("", 2), ("RMSE, K", len(models)), ("covered by the 95% interval", len(models)))
+    groups = (("", 2), ("RMSE, K", len(models)), (f"covered by the {run.interval}", len(models)))
     header = ("window", "channel", *models, *models)
     return Table(header, rows, range(2, len(header)), groups)
 
@@ -178,7 +179,7 @@ def by_channel(metrics: Sequence[Metric]) -> Table:
         "window", "channel", *(method(name).short for name in methods), "stoch. / GA mean", "stoch. / GA best",
         "PICP", "MPIW, K", "CRPS, K", "MAPE, % of K", "MAPE, % of °C",
     )  # fmt: skip
-    groups = (("", 2), ("RMSE, K", len(methods) + 2), ("95% interval", 2), ("GA mean / stochastic", 3))
+    groups = (("", 2), ("RMSE, K", len(methods) + 2), ("interval", 2), ("GA mean / stochastic", 3))
     return Table(header, rows, range(2, len(header)), groups)
 
 
