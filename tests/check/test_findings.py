@@ -9,6 +9,7 @@ from flightcal.check import check
 from flightcal.check.evaluate import THOROUGH
 from flightcal.check.findings import findings_of, verdict_of
 from flightcal.check.identifiability import Combination, Move
+from flightcal.check.page import _prior
 from flightcal.report.verdict import Finding
 from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch
@@ -119,3 +120,16 @@ def test_what_is_not_told_of_the_noise_of_several_channels_is_one_caution():
     assert "idle" in idle.title
     assert together.title == "The telemetry says little of the noise of battery and tank"
     assert len(together.details) == 2
+
+
+def test_a_channel_without_samples_is_not_the_one_with_the_least_inside():
+    problem = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH)
+    checked = check(problem, THOROUGH, infos(problem))
+    empty, seen = checked.predictive.channels
+    empty = replace(empty, inside=np.nan, reached=np.nan, beyond=0.0)
+    channels = (empty, replace(seen, inside=0.9))
+    checked = replace(checked, predictive=replace(checked.predictive, channels=channels, pressed=()))
+    text = found_in(findings_of(checked), "The prior reaches the telemetry").text
+    assert text.startswith(f"At least 90.0% ({seen.channel})")
+    table = next(block.table for block in _prior(checked, problem) if block.table)
+    assert [table.state(row, 2) for row in range(2)] == ["", "good"]

@@ -172,7 +172,7 @@ def _reach(checked: Checked) -> list[Finding]:
         title = f"The telemetry pulls {listed([p.name for p in predictive.pressed])} to the edge of the prior"
         found.append(Finding("warn", title, text))
     if not found:
-        lowest = min(predictive.channels, key=lambda c: c.inside)
+        lowest = min(predictive.channels, key=lambda c: np.nan_to_num(c.inside, nan=np.inf))
         where = checked.named(lowest.channel, lowest.window)
         share = "All" if lowest.inside == 1.0 else f"At least {percent(lowest.inside)} ({where})"
         text = (

@@ -104,7 +104,7 @@ def _prior(checked: Checked, problem: Problem) -> list[Block]:
 
 
 def _state(reached: float) -> str:
-    return "bad" if reached < 0.5 else "warn" if reached < 0.95 else "good"
+    return "bad" if reached < 0.5 else "warn" if reached < 0.95 else "good" if reached >= 0.95 else ""
 
 
 def _beyond(value: float) -> str:
