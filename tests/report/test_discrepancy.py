@@ -180,3 +180,5 @@ def test_values_of_drifting_parameters_stand_by_window(run):
     middle = [float(cell.split(" ")[0]) for cell in table.rows[0][1:]]
     assert middle[1:] == pytest.approx([middle[0] + 0.1, middle[0] - 0.1], abs=1e-3)
     assert "Values by window" in words(section(own, "parameters").blocks)
+    warm = [dataclasses.replace(info, unit="degC") for info in run.parameters]
+    assert window_values(dataclasses.replace(own, parameters=warm)).rows[0][0] == "battery_link, °C"

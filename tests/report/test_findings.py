@@ -3,6 +3,8 @@
 import dataclasses
 import json
 
+import numpy as np
+
 from flightcal.report.panels.parameters import at_edge, footing
 from flightcal.report.run_files import read_run
 from flightcal.report.verdict import verdict_of
@@ -181,6 +183,18 @@ def test_duty_cycles_outside_the_simulations_are_told(run):
     finding = about(dataclasses.replace(run, windows=run.windows | {"test": shifted}), "battery_heater is on for 7")
     assert finding.state == "warn"
     assert [d.endswith("which leaves telemetry out.") for d in finding.details] == [True, False]
+
+
+def test_one_duty_cycle_is_told_by_its_heater(run):
+    window = run.windows["test"].isel(heater=[0])
+    one = dataclasses.replace(run, windows=run.windows | {"test": window})
+    assert about(one, "The duty cycle of battery_heater in “test” lies within").state == "good"
+
+
+def test_nothing_is_said_of_a_window_without_a_scored_sample(run):
+    window = run.windows["test"]
+    none = window.assign(coverage=window["coverage"] * np.nan, observed=window["observed"] * np.nan)
+    assert about(dataclasses.replace(run, windows=run.windows | {"test": none}), "is scored").details == ()
 
 
 def test_what_the_interval_of_a_duty_cycle_contains_is_told(run):

@@ -1,5 +1,6 @@
 """The page as a file: whole, offline, in order, and complete whatever is missing."""
 
+import dataclasses
 import json
 import re
 import sys
@@ -11,7 +12,7 @@ import xarray as xr
 
 from flightcal.errors import RunError
 from flightcal.report import panels, write_report
-from flightcal.report.page import steps
+from flightcal.report.page import _scenario_name, steps
 from flightcal.report.run_files import STAGES
 from flightcal.run import read_tree
 
@@ -305,3 +306,8 @@ def test_a_chain_that_ran_away_is_shown_and_warns_of_nothing(slim_run, recwarn):
     xr.DataTree.from_dict(groups).to_netcdf(slim_run / "posterior.nc", engine="h5netcdf")
     write_report(slim_run)
     assert not [str(w.message) for w in recwarn if "flightcal" in w.filename or "arviz" in w.filename]
+
+
+def test_the_name_is_read_as_yaml(run):
+    assert _scenario_name(dataclasses.replace(run, scenario='name: "my sat"  # the second unit')) == "my sat"
+    assert _scenario_name(dataclasses.replace(run, scenario="{")) == "run"

@@ -1,6 +1,7 @@
 """Rows of the report's tables."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from flightcal.report.panels import (
     telemetry,
 )
 from flightcal.report.style import METHODS
-from flightcal.validation import uniformity
+from flightcal.validation import Uniformity, uniformity
 
 
 def column(table, title):
@@ -162,3 +163,9 @@ def test_intervals_have_as_many_decimals_as_their_width_asks_for():
     assert tables.interval(0.42013, 0.41252, 0.42761) == "0.4201 [0.4125, 0.4276]"
     assert tables.interval(293.1234, 293.1231, 293.1239) == "293.12340 [293.12310, 293.12390]"
     assert tables.interval(np.nan, np.nan, np.nan) == "–"
+
+
+def test_a_transform_that_is_not_known_is_not_called_good():
+    known = Uniformity("tank", 9, 9.0, 0.1, 0.5)
+    table = reliability.transforms({"test": [known, dataclasses.replace(known, p_value=math.nan)]})
+    assert [table.state(row, 2) for row in range(2)] == ["good", ""]

@@ -11,8 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 import xarray as xr
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from ..calibration import Calibrated
 from ..prediction import Metric
@@ -111,13 +109,8 @@ def _named(run: RunFiles) -> Iterator[tuple[str, str]]:
     yield from (("node", info.name.partition(".")[2]) for info in run.parameters if info.kind == "initial")
     yield from (("node", str(name)) for name in (run.heat or {}).get("nodes", []))
     yield from (("window", name.partition(".")[2] or name) for name in run.windows if not name.endswith("."))
-    try:
-        content = YAML(typ="safe", pure=True).load(run.scenario or "")
-    except YAMLError:
-        content = None
-    if isinstance(content, Mapping):
-        yield "satellite", str(content.get("name") or "")
-        yield from _in_blocks(content)
+    yield "satellite", str(run.written.get("name") or "")
+    yield from _in_blocks(run.written)
 
 
 def _in_blocks(block: Any) -> Iterator[tuple[str, str]]:

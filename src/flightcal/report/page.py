@@ -130,11 +130,8 @@ def _told(value: object, paths: Sequence[str]) -> object:
 
 
 def _scenario_name(run: RunFiles) -> str:
-    """The `name` of the scenario, from its text; the folder's name where there is none."""
-    for line in (run.scenario or "").splitlines():
-        if line.startswith("name:"):
-            return line.removeprefix("name:").strip().strip("'\"")
-    return run.folder.resolve().name
+    """The `name` of the scenario; the folder's name where there is none."""
+    return str(run.written.get("name") or run.folder.resolve().name)
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from ..calibration import CALIBRATED_FILE, RESULTS_FILE, TABLE_FILE, Calibrated, read_calibrated
 from ..errors import RunError
@@ -113,6 +115,15 @@ class RunFiles:
     def test_windows(self) -> dict[str, xr.Dataset]:
         """Windows that were not calibrated on."""
         return {name: window for name, window in self.windows.items() if not is_trained(name)}
+
+    @cached_property
+    def written(self) -> Mapping[str, Any]:
+        """The scenario as it is written; empty where there is none, or where it cannot be read."""
+        try:
+            content = YAML(typ="safe", pure=True).load(self.scenario or "")
+        except YAMLError:
+            return {}
+        return content if isinstance(content, Mapping) else {}
 
     @property
     def nominal(self) -> float:

@@ -59,7 +59,8 @@ def holding(run: RunFiles) -> Finding:
             elif share > upper:
                 said += ", wider than need be"
             words.append(said)
-        details.append(f"“{name}”: {listed(words)}.")
+        if words:
+            details.append(f"“{name}”: {listed(words)}.")
         if outside := unseen(window):
             details.append(f"“{name}”: {outside}")
     text = (
@@ -119,6 +120,8 @@ def heaters(run: RunFiles) -> list[Finding]:
             for own in found
         )
         title = f"All {len(found)} duty cycles in “{name}” lie within what is predicted"
+        if len(found) == 1:
+            title = f"The duty cycle of {found[0].heater} in “{name}” lies within what is predicted"
         if outside:
             own, *others = outside
             title = (

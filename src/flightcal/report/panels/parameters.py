@@ -205,6 +205,7 @@ def window_values(run: RunFiles) -> Table:
         common = draws(run.posterior, "posterior", [info.name])
         own = values[info.name].transpose("window", "chain", "draw").values
         cells = [_interval(info, *map(float, np.quantile(part, [0.5, 0.025, 0.975]))) for part in (common, *own)]
-        rows.append([f"{info.name}, {info.unit}" if info.unit else info.name, *cells])
+        symbol = f", {unit(info.unit)}" if unit(info.unit) else ""
+        rows.append([f"{info.name}{symbol}", *cells])
     header = ("parameter, unit", "common, median [95%]", *(f"in “{label}”" for label in labels))
     return Table(header, rows, range(1, 2 + len(labels)))

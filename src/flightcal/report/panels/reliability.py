@@ -64,8 +64,9 @@ def transforms(found: dict[str, list[Uniformity]]) -> Table:
     rows = []
     for window, of_window in found.items():
         for u in of_window:
-            uniform = "– unknown" if math.isnan(u.p_value) else "✓ uniform"
-            verdict = Cell("✕ not uniform", "bad") if u.p_value < SIGNIFICANCE else Cell(uniform, "good")
+            verdict: str = "– unknown"
+            if not math.isnan(u.p_value):
+                verdict = Cell("✕ not uniform", "bad") if u.p_value < SIGNIFICANCE else Cell("✓ uniform", "good")
             rows.append(
                 [window, u.channel, verdict, chance(u.p_value), number(u.distance, 2),
                  f"{count(u.effective)}\nof {count(u.samples)}"]
