@@ -276,7 +276,8 @@ def test_how_the_mode_was_sought_is_told_with_heat(run):
 def test_the_published_run_stands_beside(own_run):
     metrics = json.loads((own_run / "metrics.json").read_text(encoding="utf-8"))
     records = [
-        {"method": m["method"], "window": m["window"], "metric": m["metric"], "channel": "all", "value": 2 * m["value"]}
+        {"model": "published", "value": 2 * m["value"]}
+        | {key: m[key] for key in ("method", "window", "channel", "metric")}
         for m in metrics
         if m["channel"] == "all" and m["method"] == "stochastic" and m["metric"] in ("rmse", "picp")
     ]

@@ -288,15 +288,6 @@ def test_it_says_how_the_mode_was_sought_and_which_status_counts(page):
     assert "In the likelihood besides the temperatures: switch times of battery_htr." in page
 
 
-def test_a_prediction_of_an_older_flightcal_is_a_message(slim_run):
-    file = slim_run / "prediction.nc"
-    groups = {name: group.to_dataset().rename(by="method") for name, group in read_tree(file).children.items()}
-    file.unlink()
-    xr.DataTree.from_dict(groups).to_netcdf(file, engine="h5netcdf")
-    with pytest.raises(RunError, match=r"prediction.nc: found the dimension 'method' of an older flightcal"):
-        write_report(slim_run)
-
-
 def test_a_chain_that_ran_away_is_shown_and_warns_of_nothing(slim_run, recwarn):
     groups = {name: group.to_dataset() for name, group in read_tree(slim_run / "posterior.nc").children.items()}
     own = next(iter(groups["posterior"].data_vars))

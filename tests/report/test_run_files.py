@@ -53,17 +53,6 @@ def test_a_record_without_a_field_is_named(own_run):
         read_run(own_run)
 
 
-def test_the_list_of_parameters_of_an_earlier_version_is_read(own_run, run):
-    """It was called parameters.json, as the result is now."""
-    (own_run / "priors.json").rename(own_run / "parameters.json")
-    found = read_run(own_run)
-    assert found.parameters == run.parameters
-    assert found.missing == ()
-    (own_run / "parameters.json").write_text('{"parameters": []}', encoding="utf-8")
-    (own_run / "parameters.csv").write_text("name\n", encoding="utf-8")  # of this version, whose priors.json is lost
-    assert read_run(own_run).missing == ("priors.json",)
-
-
 def test_only_absolute_temperatures_are_shown_in_celsius(run):
     shown = {i.name: (i.unit, i.offset) for i in run.parameters}
     assert shown["initial.panel"] == ("degC", -273.15)

@@ -89,7 +89,7 @@ class RunFiles:
     parameters: list[ParameterInfo]
     quality: list[Record] | None
     integration: list[Record]
-    """Steps of the training windows and their error; empty of earlier versions, and without a thermal network."""
+    """Steps of the training windows and their error; empty without a thermal network."""
     emulator: Record | None
     """Of a simulator without derivatives only, as is the next."""
     emulator_check: Record | None
@@ -98,7 +98,7 @@ class RunFiles:
     suspects: list[Record]
     """Simple wrongs that explain the telemetry better than the scenario as it is, the likeliest first."""
     footings: list[Record]
-    """Fixed numbers that values of parameters are as good as; empty of earlier versions."""
+    """Fixed numbers that values of parameters are as good as."""
     beside: dict[str, list[Metric]]
     """Scores of other models of the same satellite by their names, of the demonstration only."""
     backtest: Record | None
@@ -168,8 +168,7 @@ def read_run(folder: Path) -> RunFiles:
     """Reads a run directory. Raises RunError where it is none, or where a file in it cannot be read."""
     if not folder.is_dir():
         raise RunError(f"{folder}: no such directory; expected the directory that `flightcal calibrate` wrote")
-    priors = _file_of_priors(folder)
-    missing = tuple(name for name in STAGES if not (priors if name == "priors.json" else folder / name).is_file())
+    missing = tuple(name for name in STAGES if not (folder / name).is_file())
     if len(missing) == len(STAGES):
         raise RunError(f"{folder}: none of {', '.join(STAGES)} is there; expected a run directory")
     check_whole(folder)
@@ -179,9 +178,6 @@ def read_run(folder: Path) -> RunFiles:
 
     prediction = kept("prediction.nc", partial(_as_before, read_tree))
     windows = {n: group.to_dataset() for n, group in prediction.children.items()} if prediction else {}
-    if older := next(filter(None, map(_older, windows.values())), ""):
-        again = "delete the file and run the same command again"
-        raise RunError(f"{folder / 'prediction.nc'}: found {older}; {again}")
     looked = kept("suspects.json", read_json) or {}
     return RunFiles(
         folder=folder,
@@ -192,7 +188,7 @@ def read_run(folder: Path) -> RunFiles:
         windows=dict(sorted(windows.items(), key=lambda item: not is_trained(item[0]))),
         metrics=kept("metrics.json", partial(read_records, read=partial(typed, Metric))) or [],
         diagnostics=kept("diagnostics.json", read_json),
-        parameters=kept(priors.name, partial(read_records, read=parameter_info)) or [],
+        parameters=kept("priors.json", partial(read_records, read=parameter_info)) or [],
         quality=kept("telemetry_quality.json", read_json),
         integration=kept("integration.json", read_json) or [],
         emulator=kept("emulator.json", read_json),
@@ -202,8 +198,8 @@ def read_run(folder: Path) -> RunFiles:
         footings=looked.get("footings", []),
         beside=kept("beside.json", _beside) or {},
         backtest=kept("backtest/backtest.json", read_json),
-        calibrated=() if priors.name == RESULTS_FILE else kept(RESULTS_FILE, read_calibrated) or (),
-        files=tuple(own for own in _TAKEN_AWAY.items() if priors.name != own[0] and (folder / own[0]).is_file()),
+        calibrated=kept(RESULTS_FILE, read_calibrated) or (),
+        files=tuple(own for own in _TAKEN_AWAY.items() if (folder / own[0]).is_file()),
         missing=missing,
     )
 
@@ -218,21 +214,6 @@ def _as_before(read: Callable[[Path], N], file: Path) -> N:
 @lru_cache(maxsize=_KEPT)
 def _read_once(read: Callable[[Path], N], file: Path, *version: int) -> N:
     return read(file)
-
-
-def _older(window: xr.Dataset) -> str:
-    """What a window of an older flightcal has or lacks; nothing of one that can be read."""
-    if "method" in window.dims:
-        return "the dimension 'method' of an older flightcal, expected 'by'"
-    if "coverage" in window and "error" not in window:
-        return "coverage without errors, of an older flightcal, expected the variable 'error'"
-    return ""
-
-
-def _file_of_priors(folder: Path) -> Path:
-    """What earlier versions called parameters.json, which now has the result."""
-    own = folder / "priors.json"
-    return own if own.is_file() or (folder / "parameters.csv").is_file() else folder / "parameters.json"
 
 
 def read_content(folder: Path, kind: str) -> Record:
@@ -269,11 +250,11 @@ def parameter_info(record: Record) -> ParameterInfo:
 
 
 def _beside(file: Path) -> dict[str, list[Metric]]:
-    """Scores of other runs, whose records need not have all that ours have."""
+    """Scores of other runs by the names of their models; their records have no units."""
     found: dict[str, list[Metric]] = {}
     for record in read_records(file, read=dict):
-        own = {"channel": "all", "unit": ""} | {name: value for name, value in record.items() if name != "model"}
-        found.setdefault(record.get("model", "published"), []).append(typed(Metric, own))
+        own = {"unit": ""} | {name: value for name, value in record.items() if name != "model"}
+        found.setdefault(record["model"], []).append(typed(Metric, own))
     return found
 
 

@@ -189,7 +189,7 @@ def _check_parts(path: Path, provenance: Mapping[str, Any], parts: Mapping[str, 
     if provenance and not found:
         raise RunError(
             f"{path}: the folder holds the run of an earlier flightcal, which cannot be taken up; choose another "
-            "--out, or delete the folder ('flightcal report' still reads it)"
+            "--out, or delete the folder"
         )
     if provenance and found != parts:
         names = [name for name in {**found, **parts} if found.get(name) != parts.get(name)]

@@ -92,9 +92,7 @@ def _genetic_convergence(run: RunFiles) -> list[Block]:
 
 
 def _converged(genetic: xr.Dataset) -> str:
-    """How many runs ended by themselves; "" in files of an older flightcal."""
-    if "converged" not in genetic:
-        return ""
+    """How many runs ended by themselves."""
     generations = genetic["generations"].values
     return (
         f" {int(genetic['converged'].sum())} of {genetic.sizes['run']} converged, after {generations.min()} to "

@@ -73,8 +73,8 @@ def duties(run: RunFiles) -> list[Duty]:
         for heater in window["heater"].values:
             measured = float(window["observed_duty_cycle"].sel(heater=heater))
             # Without a status it is that of the whole window, and of the samples of known status with one.
-            sampled = np.isfinite(measured) and "sampled_duty_cycle" in window
-            values = window["sampled_duty_cycle" if sampled else "duty_cycle"].sel(heater=heater).values
+            name_of = "sampled_duty_cycle" if np.isfinite(measured) else "duty_cycle"
+            values = window[name_of].sel(heater=heater).values
             if not np.isfinite(values).any():
                 continue
             low, lower, upper, high = np.nanquantile(values, [tail, 0.025, 0.975, 1.0 - tail]).tolist()

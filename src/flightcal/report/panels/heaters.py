@@ -62,20 +62,20 @@ def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
             part = window.sel(heater=heater)
             points = {
                 v: [part[v].sel({"by": m}).item() if m in part["by"].values else np.nan for m in methods]
-                for v in ("point_duty_cycle", _on_samples(part, "point_"), "point_switch_count", "point_energy")
+                for v in ("point_duty_cycle", "point_sampled_duty_cycle", "point_switch_count", "point_energy")
             }
             sampled, duty, energy, counts = (
-                _simulated(part, v) for v in (_on_samples(part), "duty_cycle", "energy", "switch_count")
+                _simulated(part, v) for v in ("sampled_duty_cycle", "duty_cycle", "energy", "switch_count")
             )
             observed_duty = float(part["observed_duty_cycle"])
             mean_duty, mean_energy, on_samples = duty[0], energy[0], sampled[0]
             if not np.isfinite(mean_duty) and "genetic" in methods:
                 genetic = methods.index("genetic")
                 mean_duty, mean_energy = points["point_duty_cycle"][genetic], points["point_energy"][genetic]
-                on_samples = points[_on_samples(part, "point_")][genetic]
+                on_samples = points["point_sampled_duty_cycle"][genetic]
             implied = implied_energy(observed_duty + mean_duty - on_samples, mean_duty, mean_energy)
             observed_count = float(part["observed_switch_count"])
-            known = points[_on_samples(part, "point_")]
+            known = points["point_sampled_duty_cycle"]
             for label, observed, point, (mean, low, high), scale in (
                 ("duty cycle where the status is known, %", observed_duty, known, sampled, 100),
                 ("duty cycle of the whole window, %", np.nan, points["point_duty_cycle"], duty, 100),
@@ -88,7 +88,7 @@ def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
                 else:
                     predicted = interval(scale * mean, scale * low, scale * high)
                     values = [number(scale * v, 3) for v in (observed, *point)]
-                if label.endswith("whole window, %") and "unknown_status" in part:
+                if label.endswith("whole window, %"):
                     values[0] = f"unknown for {percent(float(part['unknown_status']))}"
                 verdict: str = "–"
                 if np.isfinite([observed, low]).all():
@@ -101,12 +101,6 @@ def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
         "stochastic, mean [95%]", "telemetry within 95%?",
     )  # fmt: skip
     return Table(header, rows, range(3, 5 + len(methods)))
-
-
-def _on_samples(part: xr.Dataset, prefix: str = "") -> str:
-    """The variable that a measured duty cycle is held to; predictions of an older flightcal have the whole alone."""
-    sampled = f"{prefix}sampled_duty_cycle"
-    return sampled if sampled in part else f"{prefix}duty_cycle"
 
 
 def _simulated(part: xr.Dataset, variable: str) -> tuple[float, float, float]:

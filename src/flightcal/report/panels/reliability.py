@@ -37,8 +37,6 @@ def panel(run: RunFiles) -> list[Block]:
     windows = {name: window for name, window in run.windows.items() if has_prediction(window, "stochastic")}
     if not windows:
         return [block.note("There is no stochastic prediction in this run, so no reliability of one.")]
-    if not all("probability_below" in window for window in windows.values()):
-        return [block.note("An earlier version of flightcal predicted this run; it did not keep what this asks for.")]
     blocks = [
         block.table(transforms({name: uniformity(window) for name, window in windows.items()})),
         block.text(

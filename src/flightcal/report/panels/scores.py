@@ -95,8 +95,8 @@ def _models(run: RunFiles) -> dict[str, Sequence[Metric]]:
 
 
 def _stochastic(metrics: Sequence[Metric]) -> dict[tuple[str, str, str], float | None]:
-    """By window, channel and metric. A published run of an earlier flightcal has its own name for the method."""
-    return {(m.window, m.channel, m.metric): m.value for m in metrics if m.method in ("stochastic", "published")}
+    """By window, channel and metric."""
+    return {(m.window, m.channel, m.metric): m.value for m in metrics if m.method == "stochastic"}
 
 
 def beside(run: RunFiles) -> Table:
