@@ -51,11 +51,14 @@ def interrupted(run):
 
 def killed_before_a_posterior(run):
     lacking = ("posterior.nc", "diagnostics.json", "prediction.nc", "metrics.json")
-    return dataclasses.replace(run, posterior=None, diagnostics=None, windows={}, metrics=[], missing=lacking)
+    return dataclasses.replace(
+        run, posterior=None, diagnostics=None, windows={}, metrics=[], calibrated=(), missing=lacking
+    )
 
 
 def killed_before_a_prediction(run):
-    return dataclasses.replace(fitted(run), windows={}, metrics=[], missing=("prediction.nc", "metrics.json"))
+    lacking = ("prediction.nc", "metrics.json")
+    return dataclasses.replace(fitted(run), windows={}, metrics=[], calibrated=(), missing=lacking)
 
 
 def one_channel_fails(run):

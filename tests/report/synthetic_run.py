@@ -297,7 +297,7 @@ def _write_texts(
 
     flat = posterior.reshape(-1, posterior.shape[-1])
     centre, spread = _prior(low, high)
-    parameters, diagnosed = [], []
+    parameters, diagnosed, calibrated = [], [], []
     for i, name in enumerate(names()):
         kind = "noise" if name.startswith("noise.") else "initial" if name.startswith("initial.") else "parameter"
         unit = PARAMETERS[i][1] if kind == "parameter" else "K"
@@ -315,7 +315,19 @@ def _write_texts(
              "q97_5": q[2], "r_hat": 1.001 + 0.0005 * i, "ess_bulk": 900.0 - 20 * i, "ess_tail": 700.0 - 10 * i,
              "mcse_mean": flat[:, i].std() / 30, "prior_score": 0.5 * (-1.0) ** i, "usual_score": 0.9}
         )  # fmt: skip
+        is_absolute = kind == "initial" or name == "battery_threshold"
+        offset = -273.15 if is_absolute else 0.0
+        of_prior = dict(
+            zip(("before_lower", "before", "before_upper"), (np.array(quantiles) + offset).tolist(), strict=True)
+        )
+        after = dict(zip(("lower", "median", "upper"), (q + offset).tolist(), strict=True))
+        calibrated.append(
+            {"name": name, "kind": kind, "unit": "degC" if is_absolute else unit, **of_prior, **after,
+             "mean": flat[:, i].mean() + offset, "deviation": flat[:, i].std(),
+             "from_data": max(0.0, 1.0 - (flat[:, i].std() / spread[i]) ** 2)}
+        )  # fmt: skip
     write("priors.json", parameters)
+    write("parameters.json", {"interval": 0.95, "parameters": calibrated})
     gates = [
         {"name": name, "passed": passed, "found": found, "required": required, "advice": advice}
         for name, passed, found, required, advice in (

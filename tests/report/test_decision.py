@@ -104,7 +104,7 @@ def test_eclipses_are_explained_only_where_there_are_some(run):
 def test_without_a_prediction_it_is_said_in_the_picture_s_place(run):
     words, _ = first_screen(killed_before_a_posterior(run))
     assert "no prediction with an interval" in words["picture"]
-    assert "no calibrated numbers: sampling did not finish" in words["calibrated"]
+    assert "no calibrated numbers: it did not finish" in words["calibrated"]
     assert "No duty cycle is predicted" in words["duty"]
     assert "Nothing is predicted" in words["verdict"]
 

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 from flightcal.cli import app
 from flightcal.report import read_run, write_report
 from flightcal.report.masking import masked
-from flightcal.report.panels.calibrated import calibrated
 from flightcal.report.windows import column
 from flightcal.run import read_tree
 
@@ -121,10 +120,10 @@ def test_temperatures_are_less_a_constant_of_their_channel(run):
 
 
 def test_a_threshold_and_an_initial_temperature_are_less_their_prior_s_median(run):
-    hidden = {own.name: own for own in calibrated(masked(run))}
+    hidden = {own.name: own for own in masked(run).calibrated}
     threshold = hidden["parameter 8"]
     assert (threshold.before, threshold.unit) == (0.0, "K")
-    real = next(own for own in calibrated(run) if own.name == "battery_threshold")
+    real = next(own for own in run.calibrated if own.name == "battery_threshold")
     assert threshold.mean == pytest.approx(real.mean - real.before)
     assert abs(hidden["initial.node 1"].mean) < 5.0
     assert hidden["parameter 5"].mean == pytest.approx(0.6, abs=0.02)

@@ -92,7 +92,7 @@ def test_files_to_load_are_named_by_where_they_are_beside_the_page(slim_run, tmp
     for name in ("parameters.csv", "calibrated.yaml"):
         (slim_run / name).write_text("", encoding="utf-8")
     links = re.findall(r'<a href="([^#"]+)">', write_report(slim_run).read_text(encoding="utf-8"))
-    assert links == ["calibrated.yaml", "parameters.csv"]
+    assert links == ["calibrated.yaml", "parameters.csv", "parameters.json"]
     elsewhere = write_report(slim_run, tmp_path / "else.html").read_text(encoding="utf-8")
     assert not re.findall(r'<a href="([^#"]+)">', elsewhere)
 

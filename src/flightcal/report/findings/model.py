@@ -11,7 +11,6 @@ from scipy.stats import chi2, norm
 from ...calibration import Calibrated, PriorScore
 from ...probability import INDEPENDENT
 from ...validation import ResidualCheck
-from ..panels.calibrated import calibrated
 from ..panels.discrepancy import STANDS_IN, stand_ins
 from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats, state
 from ..panels.parameters import MOST_NAMED, WIDER, shortened, widened
@@ -300,7 +299,7 @@ def resting(run: RunFiles) -> list[Finding]:
 
 def time_tags(run: RunFiles) -> list[Finding]:
     """An error that all time tags have in common, where the telemetry shows one: what follows allows for it."""
-    found = [own for own in calibrated(run) if own.kind == "time" and not own.lower <= 0.0 <= own.upper]
+    found = [own for own in run.calibrated if own.kind == "time" and not own.lower <= 0.0 <= own.upper]
     return [_time_tags(own) for own in found]
 
 
