@@ -125,7 +125,7 @@ def test_the_figure_has_the_discrepant_channel_over_the_orbit_with_its_band(run)
     mean = figure.data[2]
     assert (np.diff(mean.x) >= 0).all()
     np.testing.assert_allclose(mean.y, 0.5 * np.sin(2 * np.pi * np.array(mean.x)), atol=1e-6)
-    assert len(figure_discrepancy_in_time(made(run).windows["test"]).data) == 3
+    assert len(figure_discrepancy_in_time(made(run).windows["test"], bins=400).data) == 3
 
 
 def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_white(run):

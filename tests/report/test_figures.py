@@ -19,6 +19,8 @@ from flightcal.report.run_files import draws
 from flightcal.report.style import DARK, METHODS
 from flightcal.report.windows import figure_point, unknown_stretches
 
+BINS = 400
+
 
 def trace(figure, name, row=1):
     axis = "y" if row == 1 else f"y{row}"
@@ -39,9 +41,9 @@ def everything(run) -> dict[str, go.Figure]:
     link = next(i for i in infos if i.name == "battery_link")
     part = infos[:8]
     return {
-        "point": figure_point(window, ["genetic", "genetic_best"]),
-        "status": figure_heater_status(window, ["uncalibrated", "poorly_calibrated"]),
-        "stochastic": figure_stochastic(window),
+        "point": figure_point(window, ["genetic", "genetic_best"], BINS),
+        "status": figure_heater_status(window, ["uncalibrated", "poorly_calibrated"], BINS),
+        "stochastic": figure_stochastic(window, BINS),
         "density": figure_density(
             link, draws(run.posterior, "prior", ["battery_link"]).ravel(), chains(run, link.name)
         ),
@@ -51,7 +53,7 @@ def everything(run) -> dict[str, go.Figure]:
             part, run.genetic["best"].values, run.genetic["best_theta"].values, run.genetic["mean_theta"].values, None
         ),
         "traces": figure_traces(infos[:3], values[..., :3]),
-        "residuals": figure_residuals(window),
+        "residuals": figure_residuals(window, BINS),
         "distribution": figure_residual_distribution(window),
         "reliability": figure_reliability(window),
     }
@@ -106,8 +108,8 @@ def test_eclipses_are_shaded_in_every_plot_beside_other_shapes(everything):
 def test_an_unknown_eclipse_is_not_shaded(run):
     window = run.windows["test"]
     unknown = window.assign(eclipse=window["eclipse"] * np.nan)
-    assert not figure_point(unknown, ["genetic"]).layout.shapes
-    assert not figure_point(window.drop_vars("eclipse"), ["genetic"]).layout.shapes
+    assert not figure_point(unknown, ["genetic"], BINS).layout.shapes
+    assert not figure_point(window.drop_vars("eclipse"), ["genetic"], BINS).layout.shapes
 
 
 def test_the_interval_lies_around_the_mean_and_the_models_inside_it(everything):
@@ -126,7 +128,7 @@ def test_probability_of_on_is_between_zero_and_one(everything):
 
 def test_each_plot_keeps_its_height_however_many_channels(run):
     window = run.windows["test"]
-    one, three = (figure_point(window.isel(channel=slice(n)), ["genetic"]) for n in (1, 3))
+    one, three = (figure_point(window.isel(channel=slice(n)), ["genetic"], BINS) for n in (1, 3))
 
     def plot_height(figure):
         span = figure.layout.yaxis.domain
@@ -151,9 +153,9 @@ def test_long_series_are_thinned_to_their_extremes(run):
 def test_a_channel_without_telemetry_is_drawn_without_it(run):
     empty = run.windows["test"].copy(deep=True)
     empty["observed"][:, 0] = np.nan
-    for figure in (figure_stochastic(empty), figure_residuals(empty)):
+    for figure in (figure_stochastic(empty, BINS), figure_residuals(empty, BINS)):
         assert figure.data
-    names = [t.name for t in figure_point(empty, ["genetic"]).data if (t.yaxis or "y") == "y"]
+    names = [t.name for t in figure_point(empty, ["genetic"], BINS).data if (t.yaxis or "y") == "y"]
     assert names == ["genetic algorithm, mean of its runs"]
 
 
@@ -260,7 +262,7 @@ def test_methods_have_a_colour_of_their_own_on_white_and_on_dark():
 def test_a_scenario_without_heaters_has_only_temperatures(run):
     bare = run.windows["test"].drop_dims("heater")
     assert isinstance(bare, xr.Dataset)
-    assert len([k for k in figure_stochastic(bare).layout.to_plotly_json() if k.startswith("yaxis")]) == 3
+    assert len([k for k in figure_stochastic(bare, BINS).layout.to_plotly_json() if k.startswith("yaxis")]) == 3
 
 
 def test_reliability_shows_each_channels_transform_and_both_coverages(run, everything):
@@ -278,11 +280,11 @@ def test_reliability_shows_each_channels_transform_and_both_coverages(run, every
 
 def test_a_status_that_telemetry_does_not_tell_is_drawn_as_unknown(run):
     window = run.windows["test"]
-    figure = figure_heater_status(window, ["uncalibrated"])
+    figure = figure_heater_status(window, ["uncalibrated"], BINS)
     assert not any(trace.name == "status unknown" for trace in figure.data)
     status = window["observed_status"].copy(deep=True)
     status[40:60, 0] = np.nan
-    figure = figure_heater_status(window.assign(observed_status=status), ["uncalibrated"])
+    figure = figure_heater_status(window.assign(observed_status=status), ["uncalibrated"], BINS)
     (unknown,) = [trace for trace in figure.data if trace.name == "status unknown"]
     time = window["time"].values
     assert (np.min(unknown.x), np.max(unknown.x)) == (time[40], time[60])
@@ -300,7 +302,7 @@ def test_channels_with_clocks_of_their_own_have_whole_lines_status_and_eclipses(
         observed_status=(window["observed_status"].dims, status),
         eclipse=("time", np.zeros(80)),
     )
-    figure = figure_stochastic(apart)
+    figure = figure_stochastic(apart, BINS)
     assert np.isfinite(trace(figure, "stochastic mean").y).all()
     assert len([shape for shape in figure.layout.shapes if shape.name == "eclipse"]) == len(figure.layout.annotations)
     on = next(shown for shown in figure.data if shown.name == "heater on in telemetry")

@@ -259,7 +259,7 @@ def _beside(file: Path) -> dict[str, list[Metric]]:
 
 
 def bins(run: RunFiles) -> int:
-    """Stretches into which a figure divides a long series: fewer for many plots, so that the page stays small."""
+    """Stretches of a series of which a figure has the extremes: fewer for many plots, so that the page stays small."""
     plots = sum(window.sizes["channel"] for window in run.windows.values())
     return int(np.clip(run.stretches // max(plots, 1), 10, 400))
 

@@ -27,8 +27,6 @@ class Heights(NamedTuple):
 
 
 HEIGHTS = Heights()
-BINS = 400
-"""Stretches of a long series of which the extremes are drawn."""
 MOST_SHAPES = 150
 
 Rows = dict[str, int]
@@ -40,7 +38,7 @@ def names(prediction: xr.Dataset, coordinate: str) -> list[str]:
     return [str(v) for v in prediction[coordinate].values] if coordinate in prediction.coords else []
 
 
-def figure_point(prediction: xr.Dataset, methods: Sequence[str], bins: int = BINS) -> go.Figure:
+def figure_point(prediction: xr.Dataset, methods: Sequence[str], bins: int) -> go.Figure:
     """Temperatures and heater status of methods that give one value (figures 1, 2 and 4).
 
     prediction: a group of prediction.nc; methods: the first is drawn solid, others dotted.

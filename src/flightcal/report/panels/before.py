@@ -12,7 +12,7 @@ from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
 from ..text import number
-from ..windows import BINS, draw_status, figure_point, names, window_canvas
+from ..windows import draw_status, figure_point, names, window_canvas
 
 VISIBLY = 1.25
 """Times the RMSE of the uncalibrated model, from which on a calibration is visibly worse."""
@@ -74,7 +74,7 @@ def _rmse(window: xr.Dataset, method: str) -> float:
     return float(np.sqrt(((scored["observed"] - scored["mean"]) ** 2).mean()))
 
 
-def figure_heater_status(prediction: xr.Dataset, methods: Sequence[str], bins: int = BINS) -> go.Figure:
+def figure_heater_status(prediction: xr.Dataset, methods: Sequence[str], bins: int) -> go.Figure:
     """Heater status of several methods over that of telemetry (figure 3)."""
     figure, rows = window_canvas(prediction, [], names(prediction, "heater"))
     for heater in names(prediction, "heater"):

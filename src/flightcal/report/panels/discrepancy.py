@@ -16,7 +16,7 @@ from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, poly
 from ..tables import Cell, Table, interval
 from ..text import number, percent
 from ..thinning import extremes
-from ..windows import BINS, broken, names, shade_eclipse, time_canvas
+from ..windows import broken, names, shade_eclipse, time_canvas
 from .parameters import contraction
 
 STANDS_IN = -0.9
@@ -195,7 +195,7 @@ def figure_discrepancy_in_phase(prediction: xr.Dataset) -> go.Figure:
     return figure
 
 
-def figure_discrepancy_in_time(prediction: xr.Dataset, bins: int = BINS) -> go.Figure:
+def figure_discrepancy_in_time(prediction: xr.Dataset, bins: int) -> go.Figure:
     """Discrepancy in time, one plot for each channel. prediction: a group of prediction.nc."""
     channels = _discrepant(prediction)
     figure = time_canvas(channels, [ROW_HEIGHT] * len(channels))

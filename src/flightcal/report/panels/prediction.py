@@ -18,7 +18,6 @@ from ..style import BAND, MODEL_BAND, STOCHASTIC, band, polygons
 from ..text import letter, percent
 from ..thinning import extremes
 from ..windows import (
-    BINS,
     HEIGHTS,
     Heights,
     broken,
@@ -80,7 +79,7 @@ def _unseen_shares(window: xr.Dataset) -> dict[str, float]:
 
 def figure_stochastic(
     prediction: xr.Dataset,
-    bins: int = BINS,
+    bins: int,
     heights: Heights = HEIGHTS,
     titles: Mapping[str, str] | None = None,
 ) -> go.Figure:

@@ -19,7 +19,7 @@ from ..style import GENETIC, PRIOR, STOCHASTIC, band, finish, levels, plots, sma
 from ..tables import Cell, Table
 from ..text import chance, count, listed, number
 from ..thinning import extremes
-from ..windows import BINS, names, shade_eclipse, time_canvas
+from ..windows import names, shade_eclipse, time_canvas
 
 ROW_HEIGHT = 150
 MOST_LAGS = 120
@@ -166,7 +166,7 @@ def residuals(prediction: xr.Dataset) -> NDArray[np.float64]:
     return difference.where(prediction["scored"].astype(bool)).transpose("time", "channel").values
 
 
-def figure_residuals(prediction: xr.Dataset, bins: int = BINS) -> go.Figure:
+def figure_residuals(prediction: xr.Dataset, bins: int) -> go.Figure:
     """Residuals in time, one plot for each channel. prediction: a group of prediction.nc."""
     channels = names(prediction, "channel")
     figure = time_canvas(channels, [ROW_HEIGHT] * len(channels))
