@@ -8,7 +8,8 @@ import pytest
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
 from flightcal.prediction.holding import replicate
 from flightcal.report.comparison_page import _covers
-from flightcal.report.findings import in_few_words, value_of
+from flightcal.report.findings import in_few_words
+from flightcal.report.findings.finding import value_of
 from flightcal.report.panels.picture import choose
 from flightcal.report.verdict import CONVERGED, HOLD, RIGHT, verdict_of
 

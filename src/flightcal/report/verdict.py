@@ -17,13 +17,13 @@ from .findings import (
     holding,
     in_few_words,
     interrupted,
+    likely,
     missing,
     noise,
     prior_conflict,
     resting,
     scores,
     stand_in,
-    suspected,
     temperatures_of,
     time_tags,
     valued,
@@ -158,7 +158,7 @@ def verdict_of(run: RunFiles) -> Verdict:
     return Verdict(
         (
             Answer(CONVERGED, (*interrupted(run), convergence(run.diagnostics), *explanations(run))),
-            Answer(RIGHT, (*suspected(run), noise(run), *heat(run), prior_conflict(run), *stand_in(run))),
+            Answer(RIGHT, (*likely(run.suspects), noise(run), *heat(run), prior_conflict(run), *stand_in(run))),
             Answer(HOLD, (holding(run), *heaters(run))),
         ),
         (*scores(run), *resting(run), *time_tags(run), *missing(run)),

@@ -31,13 +31,11 @@ FAR_OFF = 1e-6
 """The probability below which a model is called wrong."""
 
 
-def suspected(run: RunFiles) -> list[Finding]:
-    """What was likely to be wrong before any sampling, and is not mended by it."""
-    return likely(run.suspects)
-
-
 def likely(found: Sequence[Mapping[str, Any]]) -> list[Finding]:
-    """Of the records of what is likely wrong: what telemetry shows by itself, and of what explains it the best."""
+    """Of the records of what is likely wrong: what telemetry shows by itself, and of what explains it the best.
+
+    It was so before any sampling, and is not mended by it.
+    """
     compared = [own for own in found if own.get("nats") is not None]
     findings = [_likely(own, "Likely wrong") for own in found if own.get("nats") is None]
     if len(compared) == 1:

@@ -161,11 +161,11 @@ def _histogram(values: Array) -> dict[str, Any]:
     }
 
 
-def wrapped(info: ParameterInfo, width: int = 16) -> str:
-    """Name and unit in lines of about `width` characters, broken where the name has a mark."""
+def wrapped(info: ParameterInfo) -> str:
+    """Name and unit in lines of about 16 characters, broken where the name has a mark."""
     lines, line = [], ""
     for word in info.name.replace("_", "_\0").replace(".", ".\0").replace("-", "-\0").split("\0"):
-        if line and len(line) + len(word) > width:
+        if line and len(line) + len(word) > 16:
             lines.append(line)
             line = ""
         line += word
