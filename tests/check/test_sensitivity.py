@@ -83,7 +83,7 @@ def indices_on_a_grid():
     return first, 1.0 - first[::-1]
 
 
-@pytest.mark.parametrize("effort", [THOROUGH, Effort(1500, 0, 5, False, 1)])
+@pytest.mark.parametrize("effort", [THOROUGH, Effort(1500, 0, 5, 1)])
 def test_a_problem_gives_the_indices_of_its_channels_and_of_its_likelihood(effort):
     problem = additive()
     centre = centre_at(problem, strong=0.0, weak=0.0, idle=0.0)

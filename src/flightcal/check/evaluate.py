@@ -23,16 +23,14 @@ class Effort:
     draws: int
     """From the prior."""
     base: int
-    """Of the Saltelli design, a power of two; 0: sensitivities from the prior's draws."""
+    """Of the Saltelli design, a power of two; 0: sensitivities from the prior's draws, and jumps are not located."""
     scan: int
     """Points of each one-dimensional scan."""
-    locate: bool
-    """Whether jumps are located by bisection."""
     searches: int
     """Prior draws from which the mode is sought, or Gauss-Newton steps at most where there are no derivatives."""
 
 
-THOROUGH = Effort(draws=400, base=256, scan=61, locate=True, searches=4)
+THOROUGH = Effort(draws=400, base=256, scan=61, searches=4)
 """Where a simulation takes a millisecond."""
 
 
@@ -46,7 +44,7 @@ def effort_for(problem: Problem, runs: int) -> Effort:
     part, count = runs // 3, len(problem.windows)
     scan = 2 * (max(part // (len(problem.simulated) * count), 5) // 2) + 1
     searches = min(max((part + 5 * count) // runs_of_a_search(problem) - 1, 1), 3)
-    return Effort(draws=max(part // count, 8), base=0, scan=scan, locate=False, searches=searches)
+    return Effort(draws=max(part // count, 8), base=0, scan=scan, searches=searches)
 
 
 def runs_of_a_search(problem: Problem) -> int:

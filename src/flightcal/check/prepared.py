@@ -22,7 +22,7 @@ from ..scenario import (
     Uniform,
 )
 from .thermostat import inferred
-from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, View, view_of
+from .view import HEAT, INFERRED, NO_LINK, SHARES, UNKNOWN, View, view_of
 
 _MOST_LINKED = 14
 """Nodes, of which any two may be linked."""
@@ -32,8 +32,6 @@ _ENOUGH = 60
 """Samples that tell enough of them."""
 _BEYOND = 20.0
 """Widths of a bounded prior, by which a value may lie outside of it."""
-_SHARES = ("absorptivity", "emissivity", "albedo")
-"""Numbers that are one at most."""
 
 
 def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
@@ -109,7 +107,7 @@ def _unbounded(parameter: Parameter) -> Parameter:
         mean, deviation = prior.mean, prior.standard_deviation
     lower = 0.0 if prior.lower >= 0.0 else prior.lower - _BEYOND * width
     upper = prior.upper + _BEYOND * width
-    if any(path.rpartition(".")[2] in _SHARES for path in parameter.sets):
+    if any(path.rpartition(".")[2] in SHARES for path in parameter.sets):
         upper = max(1.0, prior.upper)
     soft = TruncatedNormal(mean=mean, standard_deviation=deviation, lower=lower, upper=upper)
     return parameter.model_copy(update={"prior": soft})

@@ -108,7 +108,7 @@ def scan_all(problem: Problem, centre: Centre, effort: Effort, progress: Progres
     covariance = centre.covariance
     directions = covariance / np.sqrt(np.diag(covariance))
     place = np.linspace(-REACH, REACH, effort.scan)
-    names = problem.names if effort.locate else tuple(problem.names[k] for k in problem.simulated)
+    names = problem.names if effort.base else tuple(problem.names[k] for k in problem.simulated)
     scanned = [problem.names.index(name) for name in names]
     points = np.concatenate([centre.z + place[:, None] * directions[:, k] for k in scanned])
     flat: FloatArray = np.empty(len(points))
@@ -119,7 +119,7 @@ def scan_all(problem: Problem, centre: Centre, effort: Effort, progress: Progres
         progress.at(part.stop / len(points))
     values = flat.reshape(len(names), -1)
     signatures = [marks[k * effort.scan : (k + 1) * effort.scan] for k in range(len(names))]
-    jumps = _located(problem, centre, names, directions[:, scanned], place, values, signatures) if effort.locate else []
+    jumps = _located(problem, centre, names, directions[:, scanned], place, values, signatures) if effort.base else []
     thetas = problem.to_theta(points).reshape(len(names), effort.scan, -1)
     return tuple(
         Scan(
@@ -279,4 +279,4 @@ def smoothness(
         scans = scan_all(problem, centre, effort, scanning)
     with progress.stage("gradient", 1.0) as checking:
         errors, points, left_out = check_gradient(problem, centre, seed, checking) if gradient else ((), 0, 0)
-    return Smoothness(scans, errors, points, left_out, effort.locate)
+    return Smoothness(scans, errors, points, left_out, bool(effort.base))

@@ -32,6 +32,8 @@ _IN_GAPS = 0.5
 """Of its power, deviation of a heater's heat where its status has a gap."""
 NO_LINK = 1e-9
 """W/K, of nodes that are not linked: by more they might be."""
+SHARES = ("absorptivity", "emissivity", "albedo")
+"""Numbers that are one at most."""
 WIDENED = 10.0
 """Times as wide is a prior that may be wrong."""
 _MOST_ROWS = 500

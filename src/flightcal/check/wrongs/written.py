@@ -13,7 +13,7 @@ from ...report import listed, number
 from ...scenario import OF_EARTH_AND_SUN, Environment
 from ...simulator import FloatArray
 from ..evidence import Fit
-from ..view import NO_LINK, Moved, View
+from ..view import NO_LINK, SHARES, Moved, View
 from .wrong import FACTORS, FEW_TIMES, Words, Wrong, multiplied
 
 BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
@@ -108,7 +108,7 @@ def _number(
 ) -> Iterator[Wrong]:
     """Numbers at places multiplied by a factor; nothing where they could not be so."""
     value = factor * float(view.network.mapping.written[places[0]])
-    if name.rpartition(".")[2] in ("absorptivity", "emissivity", "albedo") and value > 1.0:
+    if name.rpartition(".")[2] in SHARES and value > 1.0:
         return
     low, high = _BELIEVABLE.get(name, (-np.inf, np.inf))
     changed = view.numbers.copy()
