@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..report import number
+from ..report import moment, number
 from ..simulator import ICE_POINT, FloatArray
 from .samples import noise_of, step_of
 
@@ -129,7 +129,7 @@ def _spikes(channel: str, times: NDArray[np.datetime64], own: FloatArray, modell
     what = "a spike" if high.sum() == 1 else f"{high.sum()} spikes"
     return Broken(
         "spike", channel, f"{channel} has {what}",
-        f"At {clock(times[first])} it reads {number(float(own[first]) - ICE_POINT, 3)} degC, "
+        f"At {moment(times[first])} UTC it reads {number(float(own[first]) - ICE_POINT, 3)} degC, "
         f"{number(float(height[first]), 2)} K away from the samples around it.",
         f"Leave it out with a narrower 'valid_range' of {channel}", high,
     )  # fmt: skip
@@ -178,7 +178,7 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
     moves = float(np.ptp(known)) if len(known) else 0.0
     if moves < max(_MOVES, 4.0 * step) or lengths[longest] < 4 * int(others.max(initial=0)):
         return None
-    whole = "throughout" if not len(others) else f"from {clock(times[first])} to {clock(times[last])}"
+    whole = "throughout" if not len(others) else f"from {moment(times[first])} UTC to {moment(times[last])} UTC"
     return Broken(
         "stuck", channel, f"{channel} is stuck",
         f"It reads {number(float(own[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; meanwhile "
@@ -212,7 +212,7 @@ def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, mod
         return None
     return Broken(
         "repeating", channel, f"{channel} repeats itself",
-        f"{last - first} samples from {clock(times[first])} on are exactly those of {lag} samples before.",
+        f"{last - first} samples from {moment(times[first])} UTC on are exactly those of {lag} samples before.",
         f"Leave {channel} out of 'observations', or that time out of the window", _between(own, first, last),
     )  # fmt: skip
 
@@ -233,8 +233,3 @@ def _alike(values: FloatArray) -> float:
         return 1.0
     inside = math.erf(1.0 / (width * math.sqrt(2.0)))
     return inside - width * math.sqrt(2.0 / math.pi) * (1.0 - math.exp(-0.5 / width**2))
-
-
-def clock(time: np.datetime64) -> str:
-    """A time as it is shown."""
-    return str(np.datetime_as_string(time, unit="s")).replace("T", " ") + " UTC"

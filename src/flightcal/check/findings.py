@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ..report import Finding, ParameterInfo, likely, listed, number, percent, unit
+from ..report import Finding, ParameterInfo, likely, listed, moment, number, percent, unit
 from .centre import Centre
 from .heat import ALIKE, BesideHeat, Imitated, Kind
 from .identifiability import BLIND, Combination, Identifiability, Move
@@ -422,9 +422,10 @@ def jump_words(checked: Checked, jump: Jump) -> str:
     if not jump.heater:
         return words + "."
     time = checked.starts[jump.window] + np.timedelta64(round(1e3 * jump.seconds), "ms")
-    moment = str(np.datetime_as_string(time, unit="s")).replace("T", " ")
     below, above = jump.switches
-    return f"{words}; {jump.heater} switches {below} times below and {above} above: the runs part at {moment} UTC."
+    return (
+        f"{words}; {jump.heater} switches {below} times below and {above} above: the runs part at {moment(time)} UTC."
+    )
 
 
 def _nats(value: float, before: str = "") -> str:

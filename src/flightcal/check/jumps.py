@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..report import listed, number
+from ..report import listed, moment, number
 from ..simulator import FloatArray
-from .broken import clock
 from .samples import noise_of
 from .wrongs import Words
 
@@ -113,7 +112,7 @@ def in_words(found: Sequence[Jump]) -> list[tuple[str, str, Words]]:
         first, more = _largest(together)
         words = Words(
             "The telemetry jumps in time",
-            f"At {clock(first.time)} {listed(list(first.channels))} jump at once, {first.channels[0]} by "
+            f"At {moment(first.time)} UTC {listed(list(first.channels))} jump at once, {first.channels[0]} by "
             f"{number(abs(first.height), 2)} K from one sample to the next{more}. No heat does that: samples are lost, "
             "of another time, or not in order.",
             "Check the time column there, and how packets and files are put together",
@@ -124,9 +123,9 @@ def in_words(found: Sequence[Jump]) -> list[tuple[str, str, Words]]:
         first, more = _largest([own for own in found if own.channels[0] == channel])
         words = Words(
             f"{channel} jumps",
-            f"At {clock(first.time)} it goes by {number(abs(first.height), 2)} K from one sample to the next{more}. No "
-            "heat does that to its node: the sensor, or what reads it, changed; or samples are lost there, which "
-            "slower nodes do not show.",
+            f"At {moment(first.time)} UTC it goes by {number(abs(first.height), 2)} K from one sample to the next"
+            f"{more}. No heat does that to its node: the sensor, or what reads it, changed; or samples are lost there, "
+            "which slower nodes do not show.",
             f"Check {channel} there; leave that time out of the window",
         )
         told.append(("jump", channel, words))

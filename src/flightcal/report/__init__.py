@@ -12,7 +12,7 @@ from .page import compose, write_report
 from .run_files import ParameterInfo, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
 from .tables import Cell, Table, interval
-from .text import labelled, listed, number, percent, unit
+from .text import labelled, listed, moment, number, percent, unit
 from .thinning import break_lines, extremes
 from .validation_page import write_validation
 from .verdict import Verdict, verdict_of

@@ -31,7 +31,7 @@ from .style import (
     small_titles,
 )
 from .tables import Cell, Table
-from .text import count, duration, listed, number, percent
+from .text import count, duration, listed, moment, number, percent
 from .thinning import extremes
 from .windows import broken, column, names
 
@@ -385,7 +385,7 @@ def _record(content: Record, origin: str, channel: str, band: str) -> Record:
 
 
 def _moment(text: str) -> str:
-    return text.replace("T", " ")[:16]
+    return moment(text)[:16]
 
 
 def _value(value: float | None) -> float:

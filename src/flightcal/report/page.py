@@ -28,7 +28,7 @@ from .masking import REMARK, masked
 from .panels import first_screen, parts
 from .run_files import RunFiles, read_run
 from .style import DARK, TEMPLATE
-from .text import without_paths
+from .text import moment, without_paths
 from .verdict import Verdict, verdict_of
 
 FINE: Final = 3
@@ -109,7 +109,7 @@ def compose(
         kind=kind,
         name=name,
         folder=folder.resolve().name,
-        created=created.replace("T", " ")[:19],
+        created=created and moment(created),
         findings=findings,
         verdict=judged,
         sections=content,

@@ -93,7 +93,7 @@ def listed(items: Sequence[str]) -> str:
 
 
 def moment(text: object) -> str:
-    """A time of a record, UTC, to the second; a dash where there is none."""
+    """A time of a record or of numpy, UTC, to the second; a dash where there is none."""
     return str(text).replace("T", " ")[:19] if text else "–"
 
 
