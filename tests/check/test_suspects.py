@@ -223,7 +223,7 @@ def test_a_wrong_that_others_are_as_good_as_is_printed_as_one_of_several():
 
 
 def fit(misfit, lacking, size=4.0, farthest=1.0):
-    return Fit(0.0, size, misfit, lacking, farthest, np.zeros(1), np.zeros(1))
+    return Fit(0.0, size, misfit, lacking, farthest, *np.zeros((3, 1)))
 
 
 def better(kind, after, nats=50.0):

@@ -76,7 +76,9 @@ class Fit:
     farthest: float
     """Deviations of its prior by which the heat is off that is farthest, or the parameter."""
     z: FloatArray
-    """[d] where the entries are likeliest."""
+    """[d] of the point."""
+    moved: FloatArray
+    """[d] deviations of the priors from their centre to where the entries are likeliest, as if linear in z."""
     added: FloatArray
     """[k] weights of further columns where these are likeliest."""
 
@@ -184,7 +186,8 @@ class Gaussian:
             misfit=best.square / max(int(self.known.sum()), 1),
             lacking=max(best.expected - best.evidence, 0.0),
             farthest=size * float(np.abs(self.point.heat.T @ over).max(initial=0.0)),
-            z=self.point.effects.T @ over,
+            z=self.point.z,
+            moved=self.point.effects.T @ over,
             added=best.added,
         )
 
@@ -229,13 +232,12 @@ def climbed(
         sizes = SIZES if found is None or last else (found.size,)
         around = gaussian(view.rows, point, known, sizes)
         found = around.fit(flat - point.temperatures - back, columns, scale)
-        moved = np.clip(found.z, -_FARTHEST, _FARTHEST)
-        wanted = centre + view.spread * moved
+        wanted = centre + view.spread * np.clip(found.moved, -_FARTHEST, _FARTHEST)
     assert found is not None
     # Where a node begins is read from the telemetry, that may be wrong.
     names = view.problem.names
-    off = [abs(float(own)) for name, own in zip(names, found.z, strict=True) if not name.startswith("initial.")]
-    return replace(found, z=point.z, farthest=max([found.farthest, *off]))
+    off = [abs(float(own)) for name, own in zip(names, found.moved, strict=True) if not name.startswith("initial.")]
+    return replace(found, farthest=max([found.farthest, *off]))
 
 
 def _towards(view: View, window: Window, point: Point, wanted: FloatArray, like: Point | None) -> Point:

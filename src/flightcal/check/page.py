@@ -219,4 +219,4 @@ def _profiles(checked: Checked) -> list[Block]:
     caption = (
         "Profiles: all other parameters fitted again at every point. Dotted: 1.92 nats below the best, a 95% interval."
     )
-    return [block.grid(shown, caption, key, wide=True)]
+    return [block.grid(shown, caption, key, large=True)]

@@ -29,6 +29,8 @@ class Block:
     key: tuple[Key, ...] = ()
     wide: bool = False
     """A figure that scrolls sideways on a narrow screen."""
+    large: bool = False
+    """A grid of larger figures."""
     targets: tuple[tuple[str, str], ...] = ()
     """Files beside the page, and what each is."""
 
@@ -100,6 +102,6 @@ def folded(title: str, table: Table) -> Block:
     return Block("folded", title, table=table)
 
 
-def grid(figures: Sequence[go.Figure], caption: str, key: Sequence[Key], *, wide: bool = False) -> Block:
-    """Small figures beside each other, with one legend; wide: larger ones."""
-    return Block("grid", caption, figures=tuple(figures), key=tuple(key), wide=wide)
+def grid(figures: Sequence[go.Figure], caption: str, key: Sequence[Key], *, large: bool = False) -> Block:
+    """Small figures beside each other, with one legend; large: larger ones."""
+    return Block("grid", caption, figures=tuple(figures), key=tuple(key), large=large)

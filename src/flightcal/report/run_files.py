@@ -59,7 +59,7 @@ class ParameterInfo:
 
     name: str
     kind: str
-    """parameter, noise or initial"""
+    """parameter, drift, noise, discrepancy, heat, timing, error_rate, time or initial"""
     unit: str
     """As shown: SI, except degrees Celsius for an absolute temperature."""
     offset: float

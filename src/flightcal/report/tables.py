@@ -39,7 +39,7 @@ class Table:
 
 
 def interval(middle: float, low: float, high: float) -> str:
-    """``0.4213 [0.4131, 0.4298]``, all with the decimals that the width asks for."""
+    """``0.4213 [0.4131, 0.4298]``, all with the significant digits that the width asks for."""
     shown, lower, upper = in_digits(low, high, middle, low, high)
     return "–" if lower == "–" else f"{shown} [{lower}, {upper}]"
 

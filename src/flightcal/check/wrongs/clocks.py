@@ -24,8 +24,8 @@ from .wrong import (
     closer,
     driven,
     driven_otherwise,
-    duration,
     load_series,
+    minutes,
     off,
     put,
     status_channels,
@@ -51,7 +51,7 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterat
             continue
         words = Words(
             f"The telemetry's clock is {off(late)}",
-            f"Moved {duration(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
+            f"Moved {minutes(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
             f"modes; whole orbits more or less may be as good{_an_hour(late, view.window.period)}.",
             f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
         )
@@ -73,7 +73,7 @@ def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterato
     for late in map(float, seconds):
         words = Words(
             f"The telemetry's clock is {off(late)}",
-            f"Moved {duration(late)} {'back' if late > 0 else 'on'}, as from another time zone, the telemetry "
+            f"Moved {minutes(late)} {'back' if late > 0 else 'on'}, as from another time zone, the telemetry "
             "agrees with sunlight, eclipses and modes.",
             f"Check the zone of the time column; shift it by {-late:+.0f} s",
         )
@@ -114,7 +114,7 @@ def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFT
         data = view.telemetry.assign({name: ("time", _shifted(view, name, late)) for name in channels.values()})
         words = Words(
             f"The heaters' status is {off(late)} beside the temperatures",
-            f"Temperatures rise {duration(late)} {'before' if late > 0 else 'after'} the status says that a heater is "
+            f"Temperatures rise {minutes(late)} {'before' if late > 0 else 'after'} the status says that a heater is "
             "on.",
             f"Check the time tags of {listed(list(channels.values()))}",
         )
@@ -151,7 +151,7 @@ def channel_clocks(
                 continue
             words = Words(
                 f"{listed(own)} {'is' if len(own) == 1 else 'are'} {off(late)}",
-                f"Moved by {duration(late)}, {listed(own)} alone, all channels agree with the model.",
+                f"Moved by {minutes(late)}, {listed(own)} alone, all channels agree with the model.",
                 f"Check the time tags of {listed(own)}; or write 'time_offset: {-late:.0f} s' in 'observations' there",
             )
             near = partial(_channels_like, view, own, late)
@@ -204,7 +204,7 @@ def packet_clocks(
             continue
         words = Words(
             f"packet {packet} is {off(late)}",
-            f"Moved by {duration(late)}, this packet alone, all channels agree with the model.",
+            f"Moved by {minutes(late)}, this packet alone, all channels agree with the model.",
             f"Check the time column of packet {packet}: its zone, its epoch, its leap seconds",
         )
         near = partial(packet_clocks, view, closer(late, 240.0), packet)
@@ -228,7 +228,7 @@ def driver_clocks(
             continue
         words = Words(
             f"The driver {driver} is {off(late)}",
-            f"Temperatures follow it {duration(late)} {'before' if late > 0 else 'after'} it changes.",
+            f"Temperatures follow it {minutes(late)} {'before' if late > 0 else 'after'} it changes.",
             f"Check the time tags of {driver}",
         )
         near = partial(driver_clocks, view, closer(late, 240.0), driver)

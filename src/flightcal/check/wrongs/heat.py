@@ -17,7 +17,7 @@ from ...simulator import FloatArray
 from ...telemetry import status_or_unknown
 from ..evidence import Fit
 from ..view import View, pieces
-from .wrong import LACKED, PIECES, SHIFTS, Words, Wrong, driven_otherwise, duration, flow_through, off, status_channels
+from .wrong import LACKED, PIECES, SHIFTS, Words, Wrong, driven_otherwise, flow_through, minutes, off, status_channels
 
 _ALL_THE_TIME = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Of what flows through a node, heat that it may lack all the time."""
@@ -70,7 +70,7 @@ def modes(view: View) -> Iterator[Wrong]:
     for late in (*SHIFTS, *_DATES):
         words_of = Words(
             f"The timeline of modes is {off(-late)}",
-            f"Modes begin and end {duration(late)} {'after' if late > 0 else 'before'} what the timeline says.",
+            f"Modes begin and end {minutes(late)} {'after' if late > 0 else 'before'} what the timeline says.",
             "Check the times in 'simulator: timeline', and their zone",
         )
         yield from driven_otherwise("mode", "timeline", words_of, view, tries=len(SHIFTS) + len(_DATES), modes=late)

@@ -26,7 +26,7 @@ from ...scenario import (
 )
 from ...simulator import FloatArray
 from ..view import View
-from .wrong import Words, Wrong, closer, driven_otherwise, duration, off
+from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off
 
 _ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (1, 2, 3, 0))
 """Where the real part and the other three stand in a quaternion as written: in their order; the real part last; first
@@ -171,7 +171,7 @@ def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchang
         scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
         words = Words(
             f"The timeline of attitudes is {off(-late)}",
-            f"With each change of attitude {duration(late)} {'later' if late > 0 else 'earlier'}, sunlight and Earth's "
+            f"With each change of attitude {minutes(late)} {'later' if late > 0 else 'earlier'}, sunlight and Earth's "
             "heat explain the telemetry.",
             "Check the times in 'environment: attitude', and their zone",
         )
@@ -285,8 +285,8 @@ def _changed(orbit: _Orbit, name: str, step: float) -> tuple[Any, str]:
         return (axis if lowest > _LOWEST else None), f"{axis / 1e3:.0f} km"
     if name == "ltan" and isinstance(orbit, CircularOrbit):
         hour, minute = (int(part) for part in (orbit.ltan or "0:0").split(":"))
-        minutes = round(60 * hour + minute + np.rad2deg(step) * 4.0) % 1440
-        text = f"{minutes // 60:02d}:{minutes % 60:02d}"
+        of_day = round(60 * hour + minute + np.rad2deg(step) * 4.0) % 1440
+        text = f"{of_day // 60:02d}:{of_day % 60:02d}"
         return text, text
     if name == "eccentricity" and isinstance(orbit, KeplerianOrbit):
         shape = orbit.eccentricity + step
@@ -365,8 +365,8 @@ def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> It
     for late in map(float, around if shifts is None else shifts):
         how = "later" if late > 0 else "earlier"
         words = Words(
-            f"Sunlight and eclipses come {duration(late)} {how} than the orbit says",
-            f"With the orbit moved by {duration(late)}, and the timeline of modes as it is, the model explains the "
+            f"Sunlight and eclipses come {minutes(late)} {how} than the orbit says",
+            f"With the orbit moved by {minutes(late)}, and the timeline of modes as it is, the model explains the "
             "telemetry.",
             "Check 'epoch' and 'argument_of_latitude' in 'environment: orbit'",
         )

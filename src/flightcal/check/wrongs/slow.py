@@ -10,7 +10,7 @@ import numpy as np
 
 from ...simulator import FloatArray
 from ..view import Memory, View
-from .wrong import Words, Wrong, duration
+from .wrong import Words, Wrong, minutes
 
 _LAGS = (300.0, 900.0, 2700.0)
 """s"""
@@ -30,7 +30,7 @@ def lags(view: View, seconds: Sequence[float] = _LAGS, only: str | None = None) 
 
     def words(channel: str, lag: float) -> Words:
         return Words(
-            f"{channel} follows its node with a lag of {duration(lag)}",
+            f"{channel} follows its node with a lag of {minutes(lag)}",
             f"With a sensor that is so slow, {channel} agrees with the model.",
             f"Write 'observations: {{{channel}: {{lag: {lag:.0f} s}}}}', or check which sensor it is",
         )
@@ -62,8 +62,8 @@ def means(view: View, seconds: Sequence[float] = _WIDTHS, only: str | None = Non
 
     def words(channel: str, width: float) -> Words:
         return Words(
-            f"{channel} is smoothed over {duration(width)}",
-            f"{channel} agrees with means of the model over {duration(width)}, and not with the model itself.",
+            f"{channel} is smoothed over {minutes(width)}",
+            f"{channel} agrees with means of the model over {minutes(width)}, and not with the model itself.",
             f"Take the samples of {channel} as they were sent",
         )
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...scenario import ModeChange
 from ...simulator import FloatArray
 from ..view import View
-from .wrong import Words, Wrong, closer, driven_otherwise, duration, off
+from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off
 
 _LATE = tuple(sign * 60.0 * m for m in (4, 8, 12, 16, 20, 25, 30, 40, 50, 60, 90, 120) for sign in (-1.0, 1.0))
 """s, by which a stretch may be late or early."""
@@ -69,7 +69,7 @@ def _moved(view: View, k: int, tries: int, seconds: Sequence[float] | FloatArray
             continue
         words = Words(
             f"{_named(view, k)} is {off(-late)}",
-            f"Begun {duration(late)} {'later' if late > 0 else 'earlier'}, it explains the telemetry.",
+            f"Begun {minutes(late)} {'later' if late > 0 else 'earlier'}, it explains the telemetry.",
             "Check it in 'simulator: timeline' against what was flown",
         )
         near = partial(_moved, view, k, tries, closer(late, 0.2 * abs(late)))

@@ -227,7 +227,7 @@ def status_channels(view: View) -> dict[str, str]:
     return {name: c for name, c in measured.items() if np.isfinite(view.telemetry[c].to_numpy()).any()}
 
 
-def duration(seconds: float) -> str:
+def minutes(seconds: float) -> str:
     """In minutes where that is enough; many half hours as hours."""
     if abs(seconds) >= _MANY_MINUTES and abs(seconds) % 1800.0 == 0.0:
         return f"{abs(seconds) / 3600.0:g} h"
@@ -236,4 +236,4 @@ def duration(seconds: float) -> str:
 
 def off(late: float) -> str:
     """Late or early by how much (s), in words."""
-    return f"{duration(late)} {'late' if late > 0 else 'early'}"
+    return f"{minutes(late)} {'late' if late > 0 else 'early'}"

@@ -30,7 +30,7 @@ class Finding:
     text: str
     details: tuple[str, ...] = ()
     not_for: tuple[str, ...] = ()
-    """What the run is not to be used for because of it, where its state is "warn"."""
+    """What the run is not to be used for because of it, where it is not good."""
     then: str = ""
     """What to do next, as a line that can be copied."""
 

@@ -46,7 +46,7 @@ def panel(run: RunFiles) -> list[Block]:
         *((f"chain {k + 1}", chain_colour(k), "line") for k in range(chains)),
         *((("genetic algorithm, mean", GENETIC, "mark"),) if genetic else ()),
     )
-    blocks = [block.grid(shown[:3], caption, key, wide=True)]
+    blocks = [block.grid(shown[:3], caption, key, large=True)]
     return [*blocks, block.grid(shown[3:], "Figure 5, the other quantities.", key)] if shown[3:] else blocks
 
 
