@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.check.thermostat import copied, disobeyed, inferred
+from flightcal.check.thermostat import copied, disobeyed, exchanged, inferred
 from flightcal.problem import build_window
 from tests import small
 
@@ -76,3 +76,30 @@ def test_two_thermostats_with_one_status_are_told(tmp_path):
     assert about == "heater second"
     assert words.title == "heater and second have the same status"
     assert told(1.0 - data["heater_status"].values) == []
+
+
+def cycled(samples, period, low, high):
+    """Readings, K, and status of a heater that is on while its sensor goes from one threshold, degC, to the other."""
+    phase = np.arange(samples) % period / period
+    on = phase < 0.5
+    share = np.where(on, 2.0 * phase, 2.0 - 2.0 * phase)
+    return 273.15 + low + (high - low) * share, on.astype(float)
+
+
+def test_two_thermostats_whose_thresholds_are_exchanged_are_told(tmp_path):
+    written = small.content()
+    own = {"node": "panel", "power": "12 W", "sensor": "panel", "on_below": "8 degC", "off_above": "11 degC"}
+    written["simulator"]["heaters"]["second"] = {**own, "measured_by": "second_status"}
+    written["telemetry"]["channels"]["second_status"] = {"column": "heater", "kind": "status"}
+    written["observations"]["second_status"] = {"heater": "second"}
+    scenario, data = small.load(tmp_path, written)
+    names = ("body_temp", "heater_status"), ("panel_temp", "second_status")
+    for own, values in zip(names, (cycled(421, 20, 10.0, 13.0), cycled(421, 26, 8.0, 11.0)), strict=True):
+        data = data.assign({name: ("time", one) for name, one in zip(own, values, strict=True)})
+    assert list(exchanged(build_window(scenario, data, "train"))) == []
+    first, second = written["simulator"]["heaters"].values()
+    for key in ("on_below", "off_above"):
+        first[key], second[key] = second[key], first[key]
+    ((about, words),) = exchanged(build_window(small.load(tmp_path, written)[0], data, "train"))
+    assert about == "heater second"
+    assert words.title == "The thresholds of heater and second are exchanged"

@@ -26,7 +26,7 @@ from .footings import Footing, footings
 from .jumps import Jump, in_words, jumps
 from .misfit import Misfit, misfit
 from .prepared import prepared
-from .thermostat import copied, disobeyed
+from .thermostat import copied, disobeyed, exchanged
 from .view import WIDENED, Memory, Point, View, known_thermostats
 from .wrongs import Wrong, all_wrongs
 from .wrongs.heat import now_and_then
@@ -62,7 +62,8 @@ _SHOWN, _NEAR = 3, 0.2
 _FIRST_SIZES = (1.0, 3.0)
 _OF_THERMOSTATS = frozenset({
     "bias", "unit", "swapped", "other node", "unrelated", UNEXPLAINED, "status inverted", "statuses swapped",
-    "same status", "status clock", "thresholds", "thermostat", "stuck", "filled", "clock", "channel clock",
+    "same status", "status clock", "thresholds", "thresholds exchanged", "thermostat", "stuck", "filled", "clock",
+    "channel clock",
 })  # fmt: skip
 """Kinds of wrongs that explain why a status does not do what thresholds say,"""
 _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
@@ -136,6 +137,7 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     ]
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
     found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
+    found += [Suspicion("thresholds exchanged", pair, *astuple(words)) for pair, words in exchanged(window)]
     jumped = in_words(_jumps(window, modelled, {own.channel for own in seen}))
     found = [*(Suspicion(kind, about, *astuple(words)) for kind, about, words in jumped), *found]
     if any(kind == "order" for kind, _, _ in jumped):

@@ -25,6 +25,9 @@ _GAP = 3.0
 """Usual times between samples, over which a status that is the same at both ends was so all the time."""
 _SWITCHES = 4
 """Which two thermostats do not share by chance, and which tell where one switches."""
+_APART, _MENDED = 1.0, 0.3
+"""K in the mean of its switches, from which a sensor is off its thresholds, and what share of it is left at most with
+those of another heater, where they are exchanged."""
 
 
 def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatArray | None:
@@ -72,7 +75,7 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
             yield name, words, bool(np.ptp(on[known]) == 0.0)
             break
         else:
-            off = _at_switches(read, on, heater.on_below, heater.off_above)
+            off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
             mean = float(off.mean()) if len(off) else 0.0
             least = _BEYOND + _NOISES * noise_of(read) / max(len(off), 1) ** 0.5
             if len(off) >= _SWITCHES and abs(mean) > least and ((off > 0.0).all() or (off < 0.0).all()):
@@ -85,12 +88,57 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
                 yield name, words, False
 
 
-def _at_switches(read: FloatArray, on: FloatArray, on_below: float, off_above: float) -> FloatArray:
-    """K [s] by which readings [T] are above the threshold at which a status [T] changes, between two samples."""
-    both = np.isfinite(on[1:]) & np.isfinite(on[:-1]) & np.isfinite(read[1:]) & np.isfinite(read[:-1])
-    places = np.flatnonzero(both & (np.abs(np.diff(on)) == 1.0))
-    threshold = np.where(on[places + 1] > on[places], on_below, off_above)
-    return np.asarray(0.5 * (read[places] + read[places + 1]) - threshold)
+def exchanged(window: Window) -> Iterator[tuple[str, Words]]:
+    """Pairs of heaters that each switch at the other one's thresholds, as both are called, with words."""
+    for one, other in combinations(known_thermostats(window), 2):
+        off = {(own[0], of[0]): _off(window, own, of[0]) for own in (one, other) for of in (one, other)}
+        (a, _, at_a), (b, _, at_b) = one, other
+        apart = np.min([off[a, a], off[b, b]])  # NaN where one is
+        if not (apart >= _APART and np.max([off[a, b], off[b, a]]) <= _MENDED * apart):
+            continue
+        words = Words(
+            f"The thresholds of {a} and {b} are exchanged",
+            f"At their switches {at_a} and {at_b} are off their own thresholds by {number(off[a, a], 2)} and "
+            f"{number(off[b, b], 2)} K in the mean, off each other's by {number(off[a, b], 2)} and "
+            f"{number(off[b, a], 2)} K.",
+            f"Exchange 'on_below' and 'off_above' of {a} and {b}",
+        )
+        yield f"{a} {b}", words
+
+
+def _off(window: Window, own: tuple[str, int, str], of: str) -> float:
+    """K by which a thermostat's sensor is off the thresholds of the heater `of` in the mean of its switches.
+
+    own: see `known_thermostats`. NaN: there are too few switches.
+    """
+    _, place, channel = own
+    heater, observation = window.scenario.network.switches[of], window.scenario.observations[channel]
+    read = window.observed[:, window.simulator.channels.index(channel)] - observation.bias
+    off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
+    return abs(float(off.mean())) if len(off) >= _SWITCHES // 2 else np.nan
+
+
+def _at_switches(
+    times: NDArray[np.datetime64], read: FloatArray, status: FloatArray, on_below: float, off_above: float
+) -> FloatArray:
+    """K [s] by which readings [T] are above the threshold at which a status [T] changes, between two of its samples.
+
+    Readings and status may be of different times.
+    """
+    seconds = (times - times[0]) / np.timedelta64(1, "s")
+    known, valid = np.flatnonzero(np.isfinite(status)), np.flatnonzero(np.isfinite(read))
+    if min(len(known), len(valid)) < 2:
+        return np.empty(0)
+    before = np.flatnonzero(np.diff(status[known]) != 0.0)
+    first, last = seconds[known[before]], seconds[known[before + 1]]
+    at = 0.5 * (first + last)
+    after = np.clip(np.searchsorted(seconds[valid], at), 1, len(valid) - 1)
+    apart = seconds[valid[after]] - seconds[valid[after - 1]]
+    near = (apart <= _GAP * np.median(np.diff(seconds[valid]))) & (
+        last - first <= _GAP * np.median(np.diff(seconds[known]))
+    )
+    threshold = np.where(status[known[before + 1]] > 0.5, on_below, off_above)
+    return np.asarray((np.interp(at, seconds[valid], read[valid]) - threshold)[near])
 
 
 def _between(times: NDArray[np.datetime64], status: FloatArray) -> FloatArray:
