@@ -286,23 +286,6 @@ def test_simulate_says_of_an_unseen_window_which_nodes_start_where_the_scenario_
     assert not said("--window", "train")
 
 
-def test_lint_refuses_what_calibrate_refuses(tmp_path):
-    path = write(tmp_path)
-    written = YAML(typ="safe").load(path)
-    written["windows"]["train"] = {
-        "short": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T00:10:00"},
-        "long": {"start": "2024-03-01T00:20:00", "end": "2024-03-01T03:20:00"},
-    }
-    written["discrepancy"] = {"time": {}}
-    YAML(typ="safe").dump(written, path)
-    told = [run(app, [*verb, str(path)]) for verb in (["lint"], ["calibrate", "--out", str(tmp_path / "run")])]
-    assert [done.exit_code for done in told] == [USER_ERROR, USER_ERROR]
-    for done in told:
-        assert (
-            "discrepancy.time: found no 'lengthscale' with windows to train on of very different length" in done.output
-        )
-
-
 def test_lint_tells_what_is_wrong_with_each_window(tmp_path):
     path = write(tmp_path)
     written = YAML(typ="safe").load(path)

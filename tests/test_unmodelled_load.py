@@ -1,7 +1,7 @@
 """A load of 1 W that the simulator knows nothing of: what it does to parameters, and which residual models bear it.
 
 It comes and goes on the panel within some hours. Heaters are driven by their measured status: in closed loop such a
-load also shifts the times at which the thermostat switches, and no residual that is smooth in time describes that.
+load also shifts the times at which the thermostat switches, and no noise describes that.
 """
 
 import numpy as np
@@ -24,7 +24,6 @@ RESIDUALS = {
             "correlation_time": {"lognormal": {"median": "60 min", "factor": 2}},
         }
     },
-    "delta": {"discrepancy": {"time": {"functions": 40}}},
 }
 
 
@@ -51,7 +50,7 @@ def telemetry(folder, rng, truth):
 
 
 def repeat(folder, seed):
-    """Of each residual model and parameter, [3, 3]: errors in standard deviations, and whether the truth is inside."""
+    """Of each residual model and parameter, [2, 3]: errors in standard deviations, and whether the truth is inside."""
     rng = np.random.default_rng(seed)
     scenario, placeholder = small.load(folder, written())
     priors = build_problem(scenario, placeholder).priors
@@ -71,7 +70,7 @@ def repeat(folder, seed):
 
 
 @pytest.mark.slow
-def test_discrepancy_and_correlated_noise_keep_the_truth_inside_where_independent_noise_loses_it(tmp_path):
+def test_correlated_noise_keeps_the_truth_inside_where_independent_noise_loses_it(tmp_path):
     found = [repeat(tmp_path, seed) for seed in range(REPEATS)]
     errors, inside = (np.array(part) for part in zip(*found, strict=True))
     shares = dict(zip(RESIDUALS, inside.mean(axis=(0, 2)).round(3).tolist(), strict=True))
@@ -80,7 +79,5 @@ def test_discrepancy_and_correlated_noise_keep_the_truth_inside_where_independen
     tolerance = np.sqrt(0.9 * 0.1 / REPEATS)
     said = f"share inside 95%: {shares}, tolerance {tolerance:.3f}; errors in standard deviations: {typical}"
     print(said)
-    assert shares["ar1"] >= 0.9 - tolerance, said
-    assert shares["delta"] >= 0.9 - tolerance, said
-    assert max(shares["ar1"], shares["delta"]) >= 0.9, said
+    assert shares["ar1"] >= 0.9, said
     assert shares["iid"] < 0.9 - 4.0 * tolerance, said

@@ -18,11 +18,9 @@ from ..timing import interleaved, ratio_text, ratios
 
 FUNCTIONS = 40
 _AR1 = {"noise": {"model": "ar1", "white": {"half_normal": "0.1 K"}}}
-_TIME = {"discrepancy": {"time": {"functions": FUNCTIONS}}}
 _PHASE = {"discrepancy": {"phase": {"harmonics": FUNCTIONS // 2}}}
 MODELS: dict[str, dict[str, Any]] = {
     "independent noise": {"noise": {"model": "iid"}},
-    f"discrepancy in time, {FUNCTIONS} functions": _TIME,
     f"discrepancy in orbit phase, {FUNCTIONS // 2} harmonics": _PHASE,
     "AR(1) noise and white noise": _AR1,
     "discrepancy in orbit phase, AR(1) and white noise": _PHASE | _AR1,

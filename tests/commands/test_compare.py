@@ -58,11 +58,9 @@ def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, mode
     assert (heat_of(found) is not None) == (model == "heat")
     assert noise.standard_deviation.scale == 0.5
     assert noise_of(found, "panel_temp").standard_deviation == 0.1
-    own = found.discrepancy
-    assert (own is not None and own.time is not None) == (model in ("time", "both"))
-    assert (own is not None and own.phase is not None) == (model in ("phase", "both", "phase+ar1"))
-    if own is not None and own.phase is not None:
-        assert own.phase.harmonics == 5
+    assert (found.discrepancy is not None) == (model in ("phase", "phase+ar1"))
+    if found.discrepancy is not None:
+        assert (found.discrepancy.phase.harmonics, found.discrepancy.channels) == (5, ("panel_temp",))
 
 
 @pytest.mark.parametrize("model", MODELS[1:])
@@ -108,17 +106,16 @@ def test_the_best_log_score_among_models_that_converged_is_recommended():
         iid=(1.0, 0.3, 0.95, 4.0, 0.60, -1.5),
         ar1=(1.0, 0.3, 0.97, 5.0, 0.62, -1.6),
         phase=(0.6, 0.2, 0.94, 2.4, 0.35, -0.9),
-        time=(0.6, 0.2, 0.93, 2.5, 0.36, -1.0),
-        both=(0.5, 0.2, 0.95, 2.0, 0.30, -0.5),
     )
-    loos = {"iid": loo(-50.0), "ar1": loo(-30.0), "phase": loo(-20.0), "time": loo(-5.0), "both": loo(-6.0)}
-    passed = dict.fromkeys(found, True) | {"both": False}
+    found["phase+ar1"] = dict(found["phase"], log_score=-0.5, crps=0.3)
+    loos = {"iid": loo(-50.0), "ar1": loo(-5.0), "phase": loo(-20.0), "phase+ar1": loo(-6.0)}
+    passed = dict.fromkeys(found, True) | {"phase+ar1": False}
     best, reason = recommend(found, loos, passed)
     assert best == "phase"
     assert "covers 94.0%" in reason
-    assert "not converged: both" in reason
+    assert "not converged: phase+ar1" in reason
     assert "CRPS 0.35 K instead of 0.6 K (-42%)" in reason
-    assert "predicted best by 'time', which says less" in reason
+    assert "predicted best by 'ar1', which says less" in reason
     found["heat"] = dict(found["phase"], log_score=-0.4)
     best, reason = recommend(found, loos, passed | {"heat": True})
     assert best == "heat"
@@ -177,7 +174,7 @@ def rolling(crps, held, *, passed=True):
 
 
 def test_backtests_recommend_the_lowest_crps_and_name_what_holds_more_often():
-    found = {"iid": rolling(0.6, 5), "phase": rolling(0.4, 3), "both": rolling(0.3, 2, passed=False)}
+    found = {"iid": rolling(0.6, 5), "phase": rolling(0.4, 3), "phase+ar1": rolling(0.3, 2, passed=False)}
     summaries = {model: backtest_summary(content) for model, content in found.items()}
     best, reason = recommend_by_backtest(summaries)
     assert best == "phase"
@@ -185,8 +182,8 @@ def test_backtests_recommend_the_lowest_crps_and_name_what_holds_more_often():
         "lowest CRPS of those that converged, 0.4 K. Its interval covers 93.0% and held after 3 of 5 origins" in reason
     )
     assert "use 'iid': held after 5, CRPS 0.6 K" in reason
-    assert "A lower CRPS, but not converged: both (0.3 K, held after 2)" in reason
-    summaries.pop("both")
+    assert "A lower CRPS, but not converged: phase+ar1 (0.3 K, held after 2)" in reason
+    summaries.pop("phase+ar1")
     assert "has the lowest CRPS, 0.4 K" in recommend_by_backtest(summaries)[1]
 
 
@@ -266,10 +263,10 @@ def test_nothing_is_recommended_on_a_difference_within_its_error(tmp_path, error
             for name, value in (("rmse", 1.0), ("picp", 0.95), ("log_score", score), ("crps", 0.5))
         ]
 
-    scores = {"iid": metrics(-0.75), "phase": metrics(-0.7), "time": metrics(-0.8)}
-    loos, passed = dict.fromkeys(scores, loo(-3.0)), {"iid": True, "phase": True, "time": False}
+    scores = {"iid": metrics(-0.75), "phase": metrics(-0.7), "ar1": metrics(-0.8)}
+    loos, passed = dict.fromkeys(scores, loo(-3.0)), {"iid": True, "phase": True, "ar1": False}
     predictions = {
-        "iid": {"test": predicted(error)}, "phase": {"test": predicted(0.0)}, "time": {"test": predicted(0.0)},
+        "iid": {"test": predicted(error)}, "phase": {"test": predicted(0.0)}, "ar1": {"test": predicted(0.0)},
     }  # fmt: skip
     content = plain(comparison_of("Toy", scores, loos, passed, predictions=predictions))
     assert content["recommended"] == recommended
@@ -277,13 +274,13 @@ def test_nothing_is_recommended_on_a_difference_within_its_error(tmp_path, error
     assert content["differences"]["iid"]["worse"] == pytest.approx(error**2 / 0.5, abs=4 * error / 0.5 / np.sqrt(780))
     words = "cannot be told from 'iid'"
     assert (words in content["reason"]) == (recommended is None)
-    assert "'time'" not in content["reason"].split(" worse)")[0]
+    assert "'ar1'" not in content["reason"].split(" worse)")[0]
     (tmp_path / "comparison.json").write_text(
-        json.dumps(content | {"failed_gates": {"time": ["R-hat 1.2 (link)"]}, "interval": 0.95})
+        json.dumps(content | {"failed_gates": {"ar1": ["R-hat 1.2 (link)"]}, "interval": 0.95})
     )
     page = write_comparison(tmp_path).read_text(encoding="utf-8")
     assert ("No model is recommended" in page) == (recommended is None)
-    assert "time: R-hat 1.2 (link)" in page
+    assert "ar1: R-hat 1.2 (link)" in page
 
 
 def test_the_error_of_a_difference_counts_effective_samples():
@@ -419,7 +416,7 @@ def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_ke
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
     with pytest.raises(KeyboardInterrupt):
-        compare.compare_models(scenario_file, out, ["iid", "ar1", "time"])
+        compare.compare_models(scenario_file, out, ["iid", "ar1", "phase"])
     assert ran == ["iid", "ar1"]
     asked = []
     monkeypatch.setattr(validation, "leave_windows_out", lambda *_, **__: asked.append(1) or {"june": {"picp": 0.9}})

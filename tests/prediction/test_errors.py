@@ -10,18 +10,15 @@ from scipy import stats
 from flightcal.prediction import predict
 from flightcal.prediction.errors import FirstErrors, WhiteErrors, window_errors
 from flightcal.prediction.initial import condition_initial
-from flightcal.prediction.matern import covariance, fading, stationary
 from flightcal.probability.noise.ar1 import TIME as MEMORY
-from flightcal.probability.residuals import TIME_LENGTH, TIME_SIZE
 from flightcal.problem import build_problem, build_window
 
 from .. import small
 
 DRAWS, FIRST = 1500, 11
 NOISE = {"model": "ar1", "standard_deviation": "0.2 K", "correlation_time": "8 min", "white": "0.1 K"}
-TIME = {"amplitude": "0.8 K", "lengthscale": "40 min", "smoothness": "5/2"}
 PHASE = {"amplitude": "0.6 K", "lengthscale": 0.2, "harmonics": 6}
-DISCREPANCY = {"time": TIME, "phase": PHASE, "channels": ["panel_temp"]}
+DISCREPANCY = {"phase": PHASE, "channels": ["panel_temp"]}
 WINDOWS = {
     "after": (("00:00", "02:20"), ("02:30", "04:30")),
     "before": (("02:10", "04:30"), ("00:00", "02:00")),
@@ -37,8 +34,8 @@ def made(folder, order="after", discrepancy=DISCREPANCY, noise=NOISE):
     written["discrepancy"] = discrepancy
     scenario, data = small.closed_loop(folder, written)
     # An error for the discrepancy to find, in all windows.
-    seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
-    data["panel_temp"].values[:] += 0.7 * np.sin(seconds / 2000.0) + 0.5 * np.cos(2 * np.pi * seconds / small.PERIOD)
+    turns = 2 * np.pi * (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s") / small.PERIOD
+    data["panel_temp"].values[:] += 0.7 * np.sin(2 * turns) + 0.5 * np.cos(turns)
     data["panel_temp"].values[[3, 20, 21, 22, 23, 152]] = np.nan
     return scenario, data
 
@@ -48,33 +45,10 @@ def truth(problem):
     return np.array([values[name] for name in problem.names])
 
 
-def of_the_process(errors, channel, apart):
-    """Prior covariance of a channel's discrepancy in both windows: the part in time is a Matern process."""
-    model, numbers = errors.model, errors.model.fixed[channel]
-    in_time = 0 if model.time is None else model.time.count
-    basis = np.concatenate([part.residuals.terms.shapes.basis[:, in_time:] for part in (errors.train, errors.window)])
-    in_phase = basis * model.prior_deviations(numbers)[in_time:] ** 2 @ basis.T
-    return (
-        in_phase if model.time is None else in_phase + covariance(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH], apart)
-    )
-
-
-def of_the_basis(errors, channel, apart):
-    """The same with the training window's functions, and beyond its edge what a Matern process adds to its state."""
-    model, numbers = errors.model, errors.model.fixed[channel]
-    basis = np.concatenate([model.terms.shapes.basis, errors.basis(numbers)])
-    total = basis * model.prior_deviations(numbers) ** 2 @ basis.T
-    seen = fading(2.5, numbers[TIME_LENGTH], errors.gaps)
-    own = np.ix_(*[np.arange(len(errors.train.times), len(apart))] * 2)
-    total[own] += covariance(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH], apart[own])
-    total[own] -= seen @ stationary(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH]) @ seen.T
-    return total
-
-
 class Dense:
     """Everything about one channel as one normal distribution: training residuals, first residuals, errors."""
 
-    def __init__(self, errors, channel, *, first, exact=False):
+    def __init__(self, errors, channel, *, first):
         train, window, model = errors.train, errors.window, errors.model
         times = np.concatenate([train.times, window.times])
         seconds = (times - train.times[0]) / np.timedelta64(1, "s")
@@ -82,8 +56,8 @@ class Dense:
         apart = seconds[:, None] - seconds
         discrepancy = np.zeros_like(apart)
         if model.terms.discrepant[channel]:
-            law = of_the_basis if exact else of_the_process
-            discrepancy = law(errors, channel, apart)
+            basis = np.concatenate([part.residuals.terms.shapes.basis for part in (train, window)])
+            discrepancy = basis * model.prior_deviations(model.fixed[channel]) ** 2 @ basis.T
         noise = np.where(own[:, None] == own, 0.2**2 * np.exp(-np.abs(apart) / 480.0), 0.0)
         white = 0.1
         if not model.terms.kinds[channel].has_memory:
@@ -120,14 +94,13 @@ def case(request, tmp_path_factory):
 
 @pytest.mark.parametrize("channel", [0, 1])
 def test_errors_are_those_of_the_dense_conditional_normal(case, channel):
-    """Up to what the basis of the training window leaves out of a Matern process, a hundredth of its amplitude."""
     _, _, errors, drawn, simulated = case
     dense = Dense(errors, channel, first=FIRST)
     mean, expected = dense.given(simulated[:, channel])
-    np.testing.assert_allclose(drawn.mean[0, :, channel], mean, atol=0.03)
+    np.testing.assert_allclose(drawn.mean[0, :, channel], mean, atol=1e-8 * np.abs(mean).max())
     sampled = (drawn.discrepancy + drawn.noise)[:, :, channel]
     deviation = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(sampled.mean(axis=0), mean, atol=0.03 + 5 * deviation.max() / np.sqrt(DRAWS))
+    np.testing.assert_allclose(sampled.mean(axis=0), mean, atol=5 * deviation.max() / np.sqrt(DRAWS))
     np.testing.assert_allclose(sampled.std(axis=0), deviation, rtol=0.12, atol=0.02)
     found = np.cov(sampled.T)
     np.testing.assert_allclose(found, expected, atol=6 * deviation.max() ** 2 * np.sqrt(2 / DRAWS))
@@ -142,42 +115,10 @@ def test_the_law_of_the_first_samples_is_that_before_they_are_seen(case):
         mean, expected = dense.given(simulated[:, channel])
         valid = np.isfinite(window.observed[:FIRST, channel])
         factor = law.factors[channel, 1]
-        np.testing.assert_allclose(law.mean[1, :, channel], mean[:FIRST], atol=0.03)
+        np.testing.assert_allclose(law.mean[1, :, channel], mean[:FIRST], atol=1e-8 * np.abs(mean).max())
         found = (factor @ factor.T)[np.ix_(valid, valid)]
         kept = expected[:FIRST, :FIRST][np.ix_(valid, valid)] + dense.white**2 * np.eye(valid.sum())
-        np.testing.assert_allclose(found, kept, atol=0.03 * max(1.0, expected.max()))
-
-
-@pytest.mark.parametrize("channel", [0, 1])
-def test_of_the_functions_themselves_they_are_exactly_those_of_the_dense_normal(case, channel):
-    _, window, errors, drawn, simulated = case
-    mean, _ = Dense(errors, channel, first=FIRST, exact=True).given(simulated[:, channel])
-    np.testing.assert_allclose(drawn.mean[0, :, channel], mean, atol=1e-8 * np.abs(mean).max())
-    law = errors.only(np.arange(DRAWS) < 2).at_first()
-    dense = Dense(errors, channel, first=0, exact=True)
-    mean, expected = dense.given(simulated[:, channel])
-    valid = np.isfinite(window.observed[:FIRST, channel])
-    kept = np.ix_(valid, valid)
-    expected = expected[:FIRST, :FIRST][kept] + dense.white**2 * np.eye(valid.sum())
-    factor = law.factors[channel, 1]
-    np.testing.assert_allclose(law.mean[1, :, channel], mean[:FIRST], atol=1e-8 * np.abs(mean).max())
-    np.testing.assert_allclose((factor @ factor.T)[kept], expected, atol=1e-8 * expected.max())
-
-
-def test_a_discrepancy_in_phase_alone_is_that_of_the_dense_normal(tmp_path):
-    scenario, data = made(tmp_path, discrepancy={"phase": PHASE, "channels": ["body_temp"]})
-    train, window = build_problem(scenario, data), build_window(scenario, data, "test")
-    thetas = np.tile(truth(train), (400, 1))
-    errors = window_errors(train, window, thetas, FIRST)
-    temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
-    drawn = errors.draw(temperatures, np.random.default_rng(0))
-    simulated = np.concatenate([train.windows[0].simulate(thetas[0]).temperatures, temperatures[0]])
-    mean, expected = Dense(errors, 0, first=FIRST).given(simulated[:, 0])
-    assert np.abs(mean).max() > 0.01
-    np.testing.assert_allclose(drawn.mean[0, :, 0], mean, atol=1e-8 * np.abs(mean).max())
-    sampled = (drawn.discrepancy + drawn.noise)[:, :, 0]
-    # Standard deviations of so many draws are known to 1 / sqrt(2 count), each; there are 121 of them.
-    np.testing.assert_allclose(sampled.std(axis=0), np.sqrt(np.diag(expected)), rtol=5 / np.sqrt(2 * 400))
+        np.testing.assert_allclose(found, kept, atol=1e-8 * kept.max())
 
 
 def uncertain(median):
@@ -188,12 +129,12 @@ UNCERTAIN_NOISE = {
     key: uncertain(NOISE[key]) if key != "model" else NOISE[key]
     for key in ("model", "standard_deviation", "correlation_time", "white")
 }
-UNCERTAIN_TIME = TIME | {"amplitude": {"half_normal": "1 K"}, "lengthscale": {"uniform": ["25 min", "60 min"]}}
+UNCERTAIN_PHASE = PHASE | {"amplitude": {"half_normal": "1 K"}, "lengthscale": {"uniform": [0.1, 0.3]}}
 
 
 def of_pairs(folder):
     """Two thetas of which every number differs, and the two windows."""
-    discrepancy = {"time": UNCERTAIN_TIME, "phase": PHASE, "channels": ["panel_temp"]}
+    discrepancy = {"phase": UNCERTAIN_PHASE, "channels": ["panel_temp"]}
     scenario, data = made(folder, discrepancy=discrepancy, noise=UNCERTAIN_NOISE)
     train, window = build_problem(scenario, data), build_window(scenario, data, "test")
     pair = np.tile(train.priors.median(), (2, 1))
@@ -246,10 +187,12 @@ def test_a_draw_is_usable_where_its_own_simulation_of_the_training_window_is(tmp
 
 
 def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):
-    train, _, _, _, simulated = case
-    thetas = np.tile(truth(train), (300, 1))
+    train = case[0]
+    theta = truth(train)
+    theta[-2:] = train.windows[0].observed[0]  # initial temperatures of body and panel
+    thetas = np.tile(theta, (300, 1))
     errors = window_errors(train, train.windows[0], thetas, 0)
-    temperatures = np.tile(simulated[: len(train.windows[0].times)], (300, 1, 1))
+    temperatures = np.tile(train.windows[0].simulate(theta).temperatures, (300, 1, 1))
     drawn = errors.draw(temperatures, np.random.default_rng(1))
     residual = (train.windows[0].observed - temperatures[0])[:, 1]
     # What the discrepancy takes away of the residuals leaves noise, and without it more than that.
@@ -258,19 +201,6 @@ def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):
     assert not drawn.mean[..., 0].any()
     memory = 0.2 if train.windows[0].residuals.terms.kinds[0].has_memory else 0.0
     assert drawn.noise.std() == pytest.approx(memory, rel=0.05)
-
-
-def test_far_from_the_training_window_the_part_in_time_is_its_prior(tmp_path):
-    scenario, data = made(tmp_path, discrepancy={"time": TIME | {"lengthscale": "9 min"}}, noise={})
-    train = build_problem(scenario, data)
-    theta = train.priors.median()
-    window = build_window(scenario, data, "test")
-    errors = window_errors(train, window, np.tile(theta, (800, 1)), 0)
-    drawn = errors.draw(np.zeros((800, *window.observed.shape)), np.random.default_rng(0))
-    # The last half hour lies ten lengthscales away.
-    late = drawn.discrepancy[:, -30:]
-    assert np.abs(drawn.mean[:, -30:]).max() < 0.01
-    np.testing.assert_allclose(late.std(axis=0), 0.8, rtol=0.12)
 
 
 def test_correlated_noise_of_students_t_is_noise_with_a_memory(tmp_path):
@@ -341,34 +271,17 @@ def test_of_dense_first_samples_an_even_part_tells(case, monkeypatch):
         np.testing.assert_allclose(getattr(drawn, part), getattr(expected, part), atol=1e-9)
 
 
-def test_the_prediction_says_which_part_carries_over(tmp_path):
+def test_the_prediction_says_that_the_discrepancy_carries_over(tmp_path):
     scenario, data = made(tmp_path)
     draws = np.tile(truth(build_problem(scenario, data)), (30, 1))
     train, test = (
         predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test")
     )
-    assert "as the residuals of this window show it" in train["interval_contains"]
-    assert "orbit phase carries over" in test["interval_contains"]
-    fades = "in time is continued from the edge of the training window and fades to its prior"
-    assert fades in test["interval_contains"]
+    assert train["interval_contains"].endswith("and model discrepancy as the residuals of this window show it")
+    assert test["interval_contains"].endswith("and model discrepancy as it carries over from the training window")
     assert "correlated measurement noise" in test["interval_contains"]
     assert "model discrepancy" in test["model_interval_contains"]
     assert "noise" not in test["model_interval_contains"]
-
-
-@pytest.mark.parametrize("part", ["time", "phase"])
-def test_the_prediction_names_no_part_that_is_not_there(tmp_path, part):
-    scenario, data = made(tmp_path, discrepancy={part: DISCREPANCY[part]})
-    draws = np.tile(truth(build_problem(scenario, data)), (4, 1))
-    train, test = (
-        predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test")
-    )
-    parts = {
-        "time": "its part in time is continued from the edge of the training window and fades to its prior",
-        "phase": "its part in orbit phase carries over from the training window",
-    }
-    assert test["interval_contains"].endswith(f"and model discrepancy: {parts[part]}")
-    assert train["interval_contains"].endswith("and model discrepancy as the residuals of this window show it")
 
 
 def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_be_white(tmp_path):
@@ -376,7 +289,7 @@ def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_b
     problem = build_problem(scenario, data)
     draws = np.tile(truth(problem), (40, 1))
     prediction, ensemble = predict(build_problem(scenario, data), data, "train", {}, draws, seed=1)
-    assert prediction["discrepant"].values.tolist() == ["", "time and phase"]
+    assert prediction["discrepant"].values.tolist() == [False, True]
     assert prediction["noise"].values.tolist() == ["AR(1) noise", "AR(1) noise"]
     own = prediction.sel(channel="panel_temp")
     of_errors = ensemble.mean[:, 1] - problem.windows[0].simulate(draws[0]).temperatures[:, 1]

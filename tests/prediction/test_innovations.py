@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flightcal.prediction.innovations import discrepancy_in_words, innovations, noise_in_words
+from flightcal.prediction.innovations import innovations, noise_in_words
 
 from ..probability.residual_cases import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
 
@@ -54,9 +54,9 @@ def test_innovations_of_independent_noise_are_the_residuals():
         np.testing.assert_array_equal(of(kind, residual, deviation=0.7, step=1.0), residual)
 
 
-def test_the_words_name_each_kind_of_noise_and_the_parts_of_each_discrepancy():
+def test_the_words_name_each_kind_of_noise():
     kinds = [INDEPENDENT, CORRELATED, CORRELATED_STUDENT, STUDENT, ROUNDED]
-    model = SimpleNamespace(terms=SimpleNamespace(kinds=kinds, discrepant=np.array([True, False])))
+    model = SimpleNamespace(terms=SimpleNamespace(kinds=kinds))
     assert noise_in_words(model) == [
         "iid noise",
         "AR(1) noise",
@@ -64,6 +64,3 @@ def test_the_words_name_each_kind_of_noise_and_the_parts_of_each_discrepancy():
         "independent Student-t noise",
         "rounded iid noise",
     ]
-    for time, phase, words in ((1, None, "time"), (None, 1, "phase"), (1, 1, "time and phase")):
-        model.time, model.phase = time, phase
-        assert discrepancy_in_words(model) == [words, ""]

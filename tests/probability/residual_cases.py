@@ -20,8 +20,9 @@ NOISE = {
     "quantisation": (0.5, 0.3),
 }
 """Of each channel."""
-DISCREPANCY = np.array([[0.8, 900.0, 1.1, 0.2], [0.5, 1200.0, 0.6, 0.3]])
-"""Amplitude and length in time, and in phase."""
+DISCREPANCY = np.array([[1.1, 0.2], [0.6, 0.3]])
+"""Amplitude and lengthscale."""
+HARMONICS = 3
 INDEPENDENT, CORRELATED, STUDENT, CORRELATED_STUDENT, ROUNDED = (
     Independent(), Correlated(), Student(), CorrelatedStudent(), Rounded()
 )  # fmt: skip
@@ -48,10 +49,9 @@ def iid_log_likelihood(observed, simulated, noise):
 class Case:
     """Two channels with gaps, at uneven times."""
 
-    def __init__(self, kinds, discrepant, smoothness=(1.5, 2.5), parts=("time", "phase")):
+    def __init__(self, kinds, discrepant, smoothness=2.5):
         rng = np.random.default_rng(0)
         self.seconds = np.cumsum(rng.uniform(20, 200, SAMPLES))
-        self.phase = self.seconds / 5400.0
         self.observed = 1.3 * rng.normal(size=(SAMPLES, 2))
         self.observed[[0, 5, 6, 7, 30], 0] = np.nan
         self.observed[[59, 12], 1] = np.nan
@@ -61,18 +61,10 @@ class Case:
             own[k, : len(kind.names)] = [NOISE[name][k] for name in kind.names]
         self.numbers = np.concatenate([own, DISCREPANCY], axis=1)
         self.smoothness = smoothness
-        self.time = discrepancy.time_basis(self.seconds[0], self.seconds[-1], 1500.0, smoothness[0], 12)
-        self.harmonics = discrepancy.PhaseBasis(3)
-        bases = {"time": self.time.at(self.seconds), "phase": self.harmonics.at(self.phase)}
-        frequencies = {"time": self.time.frequencies, "phase": self.harmonics.frequencies}
-        self.parts = parts
-        self.basis = np.concatenate([bases[part] for part in parts], axis=1)
+        self.basis = discrepancy.in_phase(self.seconds / 5400.0, HARMONICS)
         valid = np.isfinite(self.observed).T.copy()
-        in_time = 12 if "time" in parts else 0
-        prior = discrepancy.MaternPrior(
-            in_time, np.concatenate([frequencies[part] for part in parts]), np.array(smoothness)
-        )
-        shapes = Shapes(np.array(discrepant), self.basis, in_time, prior)
+        prior = discrepancy.MaternPrior(discrepancy.frequencies(HARMONICS), smoothness)
+        shapes = Shapes(np.array(discrepant), self.basis, prior)
         self.residuals = Residuals(self.seconds, valid, tuple(kinds), shapes)
 
     def valid(self, channel):
@@ -83,21 +75,11 @@ class Case:
 
     def prior_variances(self, channel):
         """Of the weights [m]: Matern spectral densities by the book (Rasmussen & Williams 2006, eq. 4.15)."""
-        time_size, time_length, phase_size, phase_length = self.numbers[channel, -4:]
-        parts = []
-        if "time" in self.parts:
-            w, rate = self.time.frequencies, np.sqrt(2 * self.smoothness[0]) / time_length
-            density = {
-                1.5: 4 * rate**3 / (rate**2 + w**2) ** 2,
-                2.5: 16 / 3 * rate**5 / (rate**2 + w**2) ** 3,
-            }[self.smoothness[0]]
-            parts.append(time_size**2 * density)
-        if "phase" in self.parts:
-            w, nu = self.harmonics.frequencies, self.smoothness[1]
-            density = (2 * nu / phase_length**2 + w**2) ** (-nu - 0.5)
-            both_signs = np.where(w == 0, 1, 2) * density
-            parts.append(phase_size**2 * both_signs / both_signs[:4].sum())
-        return np.concatenate(parts)
+        size, length = self.numbers[channel, -2:]
+        w, nu = discrepancy.frequencies(HARMONICS), self.smoothness
+        density = (2 * nu / length**2 + w**2) ** (-nu - 0.5)
+        both_signs = np.where(w == 0, 1, 2) * density
+        return size**2 * both_signs / both_signs[: 1 + HARMONICS].sum()
 
     def noise_covariance(self, channel, seconds):
         deviation, white, time = self.numbers[channel, :3]

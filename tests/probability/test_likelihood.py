@@ -1,10 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from flightcal.probability.discrepancy import MaternPrior
 from flightcal.probability.likelihood import Residuals
-from flightcal.probability.shapes import Shapes
+from flightcal.probability.shapes import no_shapes
 
 from . import residual_cases
 
@@ -27,11 +28,10 @@ def case():
 
 def log_likelihood(case):
     """Independent noise and the error of a simulator: value, and derivatives by simulated, noise and variance."""
-    prior = MaternPrior(0, np.empty(0), np.array([1.5, 1.5]))
-    shapes = Shapes(np.zeros(CHANNELS, bool), np.empty((SAMPLES, 0)), 0, prior, case["basis"])
+    shapes = replace(no_shapes(SAMPLES, CHANNELS), errors=case["basis"])
     valid = np.isfinite(case["observed"]).T.copy()
     residuals = Residuals(np.arange(SAMPLES, dtype=float), valid, (residual_cases.INDEPENDENT,) * CHANNELS, shapes)
-    numbers = np.concatenate([case["noise"][:, None], np.zeros((CHANNELS, 4))], axis=1)
+    numbers = np.concatenate([case["noise"][:, None], np.zeros((CHANNELS, 2))], axis=1)
     value, simulated_bar, numbers_bar, variance_bar, _ = residual_cases.log_likelihood(
         residuals, case["observed"], case["simulated"], numbers, case["variance"]
     )

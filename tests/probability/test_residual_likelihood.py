@@ -30,8 +30,7 @@ CASES = {
     "correlated student": ((CORRELATED_STUDENT, CORRELATED_STUDENT), (False, False), {}),
     "rounded": ((ROUNDED, ROUNDED), (False, False), {}),
     "discrepancy": ((INDEPENDENT, INDEPENDENT), (True, True), {}),
-    "discrepancy in time": ((INDEPENDENT, INDEPENDENT), (True, True), {"parts": ("time",), "smoothness": (2.5, 1.5)}),
-    "discrepancy in phase": ((INDEPENDENT, INDEPENDENT), (True, True), {"parts": ("phase",), "smoothness": (2.5, 1.5)}),
+    "rougher discrepancy": ((INDEPENDENT, INDEPENDENT), (True, True), {"smoothness": 1.5}),
     "discrepancy, correlated": ((CORRELATED, CORRELATED), (True, True), {}),
     "mixed": ((INDEPENDENT, CORRELATED), (True, False), {}),
 }

@@ -10,10 +10,10 @@ from flightcal.calibration import climb, find_mode
 from flightcal.calibration.start import fit_residuals
 from flightcal.errors import ScenarioError
 from flightcal.probability import DEVIATION
-from flightcal.probability.discrepancy import shortest_lengthscale, time_basis
+from flightcal.probability.discrepancy import in_phase
 from flightcal.probability.noise import kind_of_noise
-from flightcal.probability.residuals import PHASE_LENGTH
-from flightcal.problem import build_problem, build_window
+from flightcal.probability.residuals import AMPLITUDE, LENGTH
+from flightcal.problem import build_problem
 from flightcal.problem.coordinates import whitening
 from flightcal.scenario import Noise
 
@@ -27,10 +27,9 @@ MODELS = {
     "student": ({"distribution": "student_t", "degrees_of_freedom": {"lognormal": {"median": 5, "factor": 2}}}, None),
     "correlated student": ({"model": "ar1", "distribution": "student_t"}, None),
     "quantised": ({"quantisation": "0.2 K"}, None),
-    "time": ({}, {"time": {"smoothness": "5/2"}}),
     "phase": ({}, {"phase": {"shared": ["amplitude", "lengthscale"]}, "channels": ["body_temp"]}),
-    "both": ({}, {"time": {"shared": []}, "phase": {}}),
-    "both and ar1": ({"model": "ar1", "white": "0.05 K"}, {"time": {"functions": 20}, "phase": {"harmonics": 4}}),
+    "phase by channel": ({}, {"phase": {"shared": [], "smoothness": "5/2"}}),
+    "phase and ar1": ({"model": "ar1", "white": "0.05 K"}, {"phase": {"harmonics": 4}}),
 }
 
 
@@ -59,15 +58,14 @@ def near_truth(problem, seed=0):
 
 
 def test_names_stand_between_parameters_and_initial_temperatures(tmp_path):
-    noise, discrepancy = MODELS["ar1 and white"][0], {"time": {}, "phase": {"shared": []}}
+    noise, discrepancy = MODELS["ar1 and white"][0], {"phase": {}}
     problem = build_problem(*made(tmp_path, noise, discrepancy))
     channels = ("body_temp", "panel_temp")
     assert problem.names == (
         *("link", "panel_size", "power"),
         *(f"noise.{channel}{what}" for what in ("", ".white", ".correlation_time") for channel in channels),
-        *(f"discrepancy.time.amplitude.{channel}" for channel in channels),
-        "discrepancy.time.lengthscale",
-        *(f"discrepancy.phase.{what}.{channel}" for what in ("amplitude", "lengthscale") for channel in channels),
+        *(f"discrepancy.phase.amplitude.{channel}" for channel in channels),
+        "discrepancy.phase.lengthscale",
         *("initial.body", "initial.panel"),
     )
     theta = problem.priors.median() * (1 + 0.001 * np.arange(len(problem.names)))
@@ -77,10 +75,9 @@ def test_names_stand_between_parameters_and_initial_temperatures(tmp_path):
         column, key = names.index(name), "" if name == "standard_deviation" else f".{name}"
         expected = [theta[problem.names.index(f"noise.{channel}{key}")] for channel in channels]
         np.testing.assert_array_equal(numbers[:, column], expected)
-    np.testing.assert_array_equal(
-        numbers[:, PHASE_LENGTH],
-        [theta[problem.names.index(f"discrepancy.phase.lengthscale.{channel}")] for channel in channels],
-    )
+    amplitudes = [theta[problem.names.index(f"discrepancy.phase.amplitude.{channel}")] for channel in channels]
+    np.testing.assert_array_equal(numbers[:, AMPLITUDE], amplitudes)
+    np.testing.assert_array_equal(numbers[:, LENGTH], theta[problem.names.index("discrepancy.phase.lengthscale")])
     np.testing.assert_allclose(
         problem.windows[0].noise(theta), np.hypot(numbers[:, DEVIATION], numbers[:, names.index("white")])
     )
@@ -172,31 +169,10 @@ def test_noise_that_no_kind_is_meant_by_is_named():
         kind_of_noise(Noise.model_construct(model="ar1", distribution="rare", quantisation=None))
 
 
-def test_the_discrepancy_is_of_the_functions_at_the_samples_times(tmp_path):
-    model = build_problem(*made(tmp_path, *MODELS["both"])).windows[0].residuals
-    found = model.terms.shapes.basis[:, : model.time.count]
-    np.testing.assert_array_equal(found, model.time.at(model.terms.seconds))
-
-
-def test_by_default_lengthscales_are_those_that_the_functions_are_enough_for(tmp_path):
-    problem = build_problem(*made(tmp_path, *MODELS["time"]))
-    prior = problem.priors.priors[problem.names.index("discrepancy.time.lengthscale")]
-    assert prior.lower == shortest_lengthscale(problem.windows[0].residuals.time, 2.5)
-    assert prior.upper == 0.25 * problem.windows[0].residuals.terms.seconds[-1]
-    with pytest.raises(ScenarioError, match="found 8 functions"):
-        build_problem(*made(tmp_path, discrepancy={"time": {"functions": 8}}))
-
-
-def test_a_written_lengthscale_says_how_far_the_functions_reach_and_a_test_window_may_have_too_few(tmp_path):
-    written = small.content()
-    written["windows"]["train"]["end"] = "2024-03-01T01:00:00"
-    written["windows"]["test"] = {"start": "2024-03-01T01:30:00", "end": "2024-03-01T06:30:00"}
-    written["discrepancy"] = {"time": {"lengthscale": "10 min", "functions": 20}, "channels": ["body_temp"]}
-    scenario, data = small.closed_loop(tmp_path, written)
-    for window in ("train", "test"):
-        model = build_window(scenario, data, window).residuals
-        assert model.time == time_basis(0.0, model.terms.seconds[-1], 600.0, 1.5, 20)
-        assert model.terms.discrepant.tolist() == [True, False]
+def test_the_discrepancy_is_of_the_functions_at_the_samples_phases_in_its_channels(tmp_path):
+    terms = build_problem(*made(tmp_path, *MODELS["phase"])).windows[0].residuals.terms
+    np.testing.assert_allclose(terms.shapes.basis, in_phase(terms.seconds / small.PERIOD, 8), atol=1e-9)
+    assert terms.discrepant.tolist() == [True, False]
 
 
 def information(density):
@@ -260,7 +236,7 @@ def test_the_curvature_is_minus_the_second_derivative_by_the_numbers_logarithms(
 
 def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
     """The expected log density of draws is that of the normal with their covariance, within Monte Carlo error."""
-    problem = build_problem(*made(tmp_path, *MODELS["both and ar1"]))
+    problem = build_problem(*made(tmp_path, *MODELS["phase and ar1"]))
     theta = problem.priors.median()
     numbers, rng = problem.windows[0].numbers(theta), np.random.default_rng(0)
     none = np.zeros_like(problem.windows[0].observed)
@@ -334,7 +310,7 @@ def test_telemetry_drawn_anew_keeps_the_discrepancy_that_the_residuals_show(tmp_
 
 
 def test_where_noise_and_discrepancy_start_is_a_mode_of_them(tmp_path):
-    problem = build_problem(*made(tmp_path, *MODELS["both"]))
+    problem = build_problem(*made(tmp_path, *MODELS["phase by channel"]))
     z = near_truth(problem)
     started = fit_residuals(problem, z)
     own = np.unique(problem.places[2])
@@ -345,7 +321,7 @@ def test_where_noise_and_discrepancy_start_is_a_mode_of_them(tmp_path):
 
 
 def test_the_mode_is_found_through_that_of_independent_noise(tmp_path):
-    problem = build_problem(*made(tmp_path, *MODELS["both"]))
+    problem = build_problem(*made(tmp_path, *MODELS["phase by channel"]))
     rng = np.random.default_rng(0)
     found = find_mode(problem, [], rng=rng, random_starts=2)[0]
     assert found.converged
@@ -358,16 +334,7 @@ def test_the_mode_is_found_through_that_of_independent_noise(tmp_path):
     assert np.isfinite(problem.native_density(coordinates)(0.1 * np.ones(len(found.z)))[0])
 
 
-def test_too_few_functions_for_a_short_lengthscale_are_named(tmp_path):
-    discrepancy = {"time": {"functions": 20, "lengthscale": {"uniform": ["2 min", "40 min"]}}}
-    scenario, data = made(tmp_path, {}, discrepancy)
-    with pytest.raises(
-        ScenarioError, match=r"discrepancy.time: found 20 functions for lengthscales from 2 min on, expec"
-    ):
-        build_problem(scenario, data)
-
-
-@pytest.mark.parametrize("model", ["time", "both and ar1"])
+@pytest.mark.parametrize("model", ["phase", "phase and ar1"])
 def test_the_beginning_of_a_window_has_the_density_of_telemetry_that_ends_there(model, tmp_path):
     scenario, data = made(tmp_path, *MODELS[model])
     whole = build_problem(scenario, data)

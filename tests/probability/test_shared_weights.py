@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 from flightcal.compiled import Program
-from flightcal.probability.discrepancy import MaternPrior, PhaseBasis, TimeBasis
+from flightcal.probability.discrepancy import MaternPrior, frequencies, in_phase
 from flightcal.probability.likelihood import (
     Likelihood,
     Residuals,
@@ -26,30 +26,28 @@ COUNTS = (40, 55, 30)
 NO_ERROR = (0, 0, 0)
 ERRORS = {"no": NO_ERROR, "all": (2, 2, 2), "some": (3, 0, 1)}
 """Shapes of each window's error, by the windows that have one."""
-PARTS = {"phase": (0, 3), "time and phase": (8, 3)}
+HARMONICS = 3
 KINDS = {"independent": INDEPENDENT, "correlated": CORRELATED}
 
 
 class Windows:
     """Windows of two channels, of which the second has no discrepancy; numbers of `Case`."""
 
-    def __init__(self, kind, in_time, harmonics, errors=NO_ERROR):
+    def __init__(self, kind, errors=NO_ERROR):
         rng = np.random.default_rng(1)
         self.numbers = Case((kind, kind), (True, False)).numbers
-        self.in_time, self.residuals, self.memories = in_time, [], []
+        self.residuals, self.memories = [], []
         for place, count in enumerate(COUNTS):
             seconds = np.cumsum(rng.uniform(50, 300, count))
-            time, phase = TimeBasis(seconds.mean(), seconds[-1], in_time), PhaseBasis(harmonics)
-            basis = np.concatenate([time.at(seconds), phase.at(seconds / 5400.0 + 0.3 * place)], axis=1)
+            basis = in_phase(seconds / 5400.0 + 0.3 * place, HARMONICS)
             observed, simulated = 1.3 * rng.normal(size=(count, 2)), 0.3 * rng.normal(size=(count, 2))
             observed[[0, 7, 8], 0] = np.nan
-            frequency = np.concatenate([time.frequencies, phase.frequencies])
-            prior = MaternPrior(in_time, frequency, np.array([1.5, 2.5]))
+            prior = MaternPrior(frequencies(HARMONICS), 2.5)
             valid = np.isfinite(observed).T.copy()
             error = 0.3 * np.random.default_rng(place).normal(size=(count, 2, errors[place]))
             # One shape is the first channel's alone.
             error[:, 1, 1:2] = 0.0
-            shapes = Shapes(np.array([True, False]), basis, in_time, prior, error)
+            shapes = Shapes(np.array([True, False]), basis, prior, error)
             self.residuals.append(Residuals(seconds, valid, (kind, kind), shapes))
             variance = np.linspace(0.5, 2.0, errors[place])
             self.memories.append(window_memory(observed, simulated, self.numbers.copy(), variance))
@@ -64,13 +62,9 @@ class Windows:
         return white**2 * np.eye(len(seconds)) + deviation**2 * np.exp(-apart / time)
 
     def of_weights(self, k):
-        """The basis of all windows' own weights and of the shared ones, at valid samples, and their variances."""
-        bases = [window.shapes.basis[window.valid[k]] for window in self.residuals]
-        variances = [w.shapes.prior.deviations(self.numbers[k, -4:]) ** 2 for w in self.residuals]
-        own = block_diag(*(basis[:, : self.in_time] for basis in bases))
-        shared = np.concatenate(bases)[:, self.in_time :]
-        variance = [*(each[: self.in_time] for each in variances), variances[0][self.in_time :]]
-        return np.concatenate([own, shared], axis=1), np.concatenate(variance)
+        """The basis of the weights at all windows' valid samples, and their variances."""
+        basis = np.concatenate([window.shapes.basis[window.valid[k]] for window in self.residuals])
+        return basis, self.residuals[0].shapes.prior.deviations(self.numbers[k, -2:]) ** 2
 
     def covariance(self, k):
         """Of all windows' valid residuals."""
@@ -108,21 +102,16 @@ class Windows:
         return sum(memory.value[0] for memory in self.memories)
 
 
-@pytest.fixture(params=PARTS)
-def parts(request):
-    return PARTS[request.param]
-
-
 @pytest.fixture(params=KINDS)
-def exact(request, parts):
-    return Windows(KINDS[request.param], *parts)
+def exact(request):
+    return Windows(KINDS[request.param])
 
 
 @pytest.fixture(params=[("independent", "no"), ("correlated", "no"), ("independent", "all"), ("correlated", "some")])
-def windows(request, parts):
+def windows(request):
     """With an error of the simulator in some windows or all, too."""
     kind, errors = request.param
-    return Windows(KINDS[kind], *parts, ERRORS[errors])
+    return Windows(KINDS[kind], ERRORS[errors])
 
 
 def test_the_log_likelihood_is_that_of_all_samples_together(windows):
@@ -190,11 +179,9 @@ def test_weights_are_those_of_the_dense_conditional_normal(exact):
     gain = variance[:, None] * basis.T @ np.linalg.inv(exact.covariance(0))
     mean = gain @ exact.of_channel(0, [memory.observed - memory.simulated for memory in exact.memories])
     covariance = np.diag(variance) - gain @ basis * variance
-    own, shared = exact.in_time, np.arange(len(COUNTS) * exact.in_time, len(variance))
-    for place, (expected, factor) in enumerate(found):
-        kept = np.concatenate([np.arange(place * own, (place + 1) * own), shared])
-        np.testing.assert_allclose(expected[0], mean[kept], atol=1e-9 * np.abs(mean).max())
-        np.testing.assert_allclose(factor[0] @ factor[0].T, covariance[np.ix_(kept, kept)], atol=1e-9 * variance.max())
+    for expected, factor in found:
+        np.testing.assert_allclose(expected[0], mean, atol=1e-9 * np.abs(mean).max())
+        np.testing.assert_allclose(factor[0] @ factor[0].T, covariance, atol=1e-9 * variance.max())
         assert not expected[1].any()
 
 
@@ -212,9 +199,12 @@ def test_the_information_is_that_of_the_dense_covariance(windows):
 
 @pytest.mark.parametrize("kind", KINDS.values())
 def test_windows_that_share_no_weights_are_each_on_their_own(kind):
-    cases = [Case((kind, kind), (True, True), parts=("time",)) for _ in range(2)]
+    """Each has the error of its simulator."""
+    cases = [Case((kind, kind), (False, False)) for _ in range(2)]
+    for case in cases:
+        case.residuals = case.residuals.with_errors(np.random.default_rng(2).normal(size=(*case.observed.shape, 3)))
     memories = [
-        window_memory(case.observed, case.simulated * scale, case.numbers)
+        window_memory(case.observed, case.simulated * scale, case.numbers, np.array([0.3, 1.1, 0.2]))
         for scale, case in zip((1, 2), cases, strict=True)
     ]
     calls = likelihood_calls([case.residuals for case in cases], memories)
@@ -222,7 +212,7 @@ def test_windows_that_share_no_weights_are_each_on_their_own(kind):
     Program(calls.rows).run()
     for case, memory in zip(cases, memories, strict=True):
         alone = Likelihood([case.residuals], case.numbers.shape[1])
-        value, (bars,) = alone((memory.observed, memory.simulated, memory.numbers))
+        value, (bars,) = alone((memory.observed, memory.simulated, memory.numbers, memory.variance))
         assert memory.value[0] == value
         np.testing.assert_array_equal(memory.simulated_bar, bars.simulated)
         np.testing.assert_array_equal(memory.numbers_bar, bars.numbers)

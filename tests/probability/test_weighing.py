@@ -20,10 +20,9 @@ from flightcal.probability import (
     weigh,
     window_memory,
 )
-from flightcal.probability.discrepancy import MaternPrior
 from flightcal.probability.kernels.heat import LOG_MOST_GROWTH
 from flightcal.probability.likelihood import Residuals
-from flightcal.probability.shapes import Shapes
+from flightcal.probability.shapes import no_shapes
 
 from .residual_cases import CORRELATED, INDEPENDENT
 
@@ -49,11 +48,6 @@ FOLLOWS = Follows(
     _RNG.normal(size=(WEIGHTS, 2)),
     _RNG.normal(size=WEIGHTS),
 )
-
-
-def no_shapes(samples):
-    prior = MaternPrior(0, np.empty(0), np.array([1.5, 2.5]))
-    return Shapes(np.zeros(2, bool), np.empty((samples, 0)), 0, prior)
 
 
 def noise_covariance(kind, numbers, seconds):
@@ -90,7 +84,7 @@ class Windows:
             response = 0.4 * np.cumsum(rng.normal(size=(count, 2, WEIGHTS)), axis=0) / np.sqrt(count)
             heat = WindowHeat(response, GROUP, ("heat.a", "heat.b", ""), np.zeros((count, 2)))
             valid = np.isfinite(observed).T.copy()
-            self.residuals.append(Residuals(seconds, valid, self.kinds, no_shapes(count), heat))
+            self.residuals.append(Residuals(seconds, valid, self.kinds, no_shapes(count, 2), heat))
             self.observed.append(observed)
             self.simulated.append(simulated)
 

@@ -8,7 +8,6 @@ from scipy import stats
 
 from flightcal.calibration import calibrate_genetic, genetic_points
 from flightcal.calibration.posterior import Posterior, posterior_tree
-from flightcal.errors import ScenarioError
 from flightcal.problem import build_problem, build_window
 from flightcal.problem.coordinates import Whitening
 from flightcal.problem.native import DENSITY_NOT_FINITE, REASONS
@@ -39,34 +38,6 @@ def drifting():
 def joint(request, tmp_path_factory):
     content = written() if request.param == "shared" else drifting()
     return build_problem(*small.closed_loop(tmp_path_factory.mktemp("joint"), content))
-
-
-def test_a_default_lengthscale_suits_all_windows(tmp_path):
-    scenario, data = small.closed_loop(tmp_path, written(discrepancy={"time": {}}))
-    joint = build_problem(scenario, data)
-    own = [build_problem(scenario, data, window) for window in scenario.train_windows]
-    name = "discrepancy.time.lengthscale"
-    bounds = [(prior.lower, prior.upper) for prior in (of(problem, name) for problem in own)]
-    assert bounds[0] != bounds[1]
-    for problem in (joint, joint.open_loop):
-        prior = of(problem, name)
-        assert (prior.lower, prior.upper) == (max(low for low, _ in bounds), min(high for _, high in bounds))
-    z = joint.to_z(joint.priors.median())
-    theta = joint.to_theta(z + 0.2)
-    for window in joint.windows:
-        inside = joint.at(window, theta[None])[0]
-        assert inside[window.names.index(name)] == theta[joint.names.index(name)]
-
-
-def test_windows_whose_lengths_no_default_lengthscale_suits_are_a_message(tmp_path):
-    content = written(discrepancy={"time": {}})
-    content["windows"]["train"]["first"]["end"] = "2024-03-01T00:12:00"
-    with pytest.raises(ScenarioError, match="no default suits them all"):
-        build_problem(*small.closed_loop(tmp_path, content))
-
-
-def of(problem, name):
-    return problem.priors.priors[problem.names.index(name)]
 
 
 def points(joint, count=3):
@@ -121,28 +92,6 @@ def test_the_density_is_the_windows_likelihoods_and_each_prior_once(joint):
         assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
 
 
-def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_window(tmp_path):
-    content = written(
-        noise={"model": "ar1", "standard_deviation": "0.2 K", "correlation_time": "8 min", "white": "0.1 K"},
-        discrepancy={"time": {"amplitude": "0.8 K", "lengthscale": "30 min"}},
-    )
-    content["observations"]["panel_temp"].pop("noise")
-    joint = build_problem(*small.closed_loop(tmp_path, content))
-    z = points(joint, 1)[0]
-    expected = float(joint.priors.at(z).log_density)
-    for window in joint.windows:
-        inside = joint.at(window, joint.to_theta(z)[None])[0]
-        model, residual = window.residuals, window.observed - window.simulate(inside).temperatures
-        apart = np.abs(model.terms.seconds[:, None] - model.terms.seconds)
-        for k in range(2):
-            covariance = 0.04 * np.exp(-apart / 480.0) + 0.01 * np.eye(len(apart))
-            basis = model.terms.shapes.basis * model.prior_deviations(model.fixed[k])
-            expected += stats.multivariate_normal.logpdf(residual[:, k], cov=covariance + basis @ basis.T)
-    assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
-    assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
-    assert joint.independent().is_independent
-
-
 @pytest.fixture(scope="module", params=["iid", "ar1"])
 def phased(request, tmp_path_factory):
     """Windows that share the weights of a discrepancy in orbit phase."""
@@ -179,6 +128,7 @@ def test_windows_share_the_weights_of_a_discrepancy_in_orbit_phase(phased, reque
     assert phased.log_density(z) == pytest.approx(expected, rel=1e-9)
     value, gradient = phased.log_density_and_gradient(z)
     assert value == pytest.approx(expected, rel=1e-9)
+    assert phased.independent().is_independent
     for k, name in enumerate(phased.names):
         step = 1e-5 * np.eye(len(z))[k]
         difference = (phased.log_density(z + step) - phased.log_density(z - step)) / 2e-5

@@ -7,21 +7,17 @@ import pytest
 import xarray as xr
 
 from flightcal.report.panels import discrepancy
-from flightcal.report.panels.discrepancy import figure_discrepancy_in_phase, figure_discrepancy_in_time
+from flightcal.report.panels.discrepancy import figure_discrepancy
 from flightcal.report.panels.parameters import window_values
 from flightcal.report.run_files import ParameterInfo
 
 from .synthetic_run import every_finding, panels
 
-AMPLITUDE, LENGTH, PHASE = (
-    "discrepancy.time.amplitude.battery_temperature",
-    "discrepancy.time.lengthscale",
-    "discrepancy.phase.lengthscale",
-)
+AMPLITUDE, LENGTH = "discrepancy.phase.amplitude.battery_temperature", "discrepancy.phase.lengthscale"
 CORRELATION = {"panel_absorptivity": 0.1, "battery_link": -0.97, "payload_link": -0.7}
 
 
-def with_window(window, part="phase", noise="iid noise"):
+def with_window(window, noise="iid noise"):
     """A window of the made-up run whose second channel has a discrepancy, which takes up its residuals' slow half."""
     residual = (window["observed"] - window["mean"].sel({"by": "stochastic"})).transpose("time", "channel")
     mean = np.zeros(residual.shape)
@@ -29,7 +25,7 @@ def with_window(window, part="phase", noise="iid noise"):
     both = ("time", "channel")
     return window.assign(
         noise=("channel", [noise] * 3),
-        discrepant=("channel", ["", part, ""]),
+        discrepant=("channel", [False, True, False]),
         innovation=(both, np.random.default_rng(4).normal(size=mean.shape)),
         discrepancy_mean=(both, mean),
         discrepancy_lower=(both, mean - 0.2),
@@ -37,13 +33,13 @@ def with_window(window, part="phase", noise="iid noise"):
     )
 
 
-def made(run, part="phase", noise="iid noise"):
+def made(run, noise="iid noise"):
     """The made-up run with a discrepancy."""
     shape = run.posterior["posterior"].to_dataset().sizes
     draws = np.random.default_rng(3).normal(size=(shape["chain"], shape["draw"]))
     groups = {name: group.to_dataset() for name, group in run.posterior.children.items()}
     both = ("chain", "draw")
-    values = {AMPLITUDE: 0.8 + 0.01 * draws, LENGTH: 1800.0 + 30.0 * draws, PHASE: 0.2 + 0.01 * draws}
+    values = {AMPLITUDE: 0.8 + 0.01 * draws, LENGTH: 0.2 + 0.01 * draws}
     groups["posterior"] = groups["posterior"].assign({n: (both, v) for n, v in values.items()})
     prior = {n: (both, 3.0 * v[:1]) for n, v in values.items()}
     groups["prior"] = groups["prior"].isel(draw=slice(shape["draw"])).assign(prior)
@@ -56,11 +52,10 @@ def made(run, part="phase", noise="iid noise"):
         ParameterInfo(name, "discrepancy", unit, 0.0, (), "", "", quantiles)
         for name, unit, quantiles in (
             (AMPLITUDE, "K", (0.03, 0.7, 2.2)),
-            (LENGTH, "s", (600.0, 1500.0, 2400.0)),
-            (PHASE, "orbits", (0.06, 0.3, 0.5)),
+            (LENGTH, "orbits", (0.06, 0.3, 0.5)),
         )
     ]
-    windows = {name: with_window(window, part, noise) for name, window in run.windows.items()}
+    windows = {name: with_window(window, noise) for name, window in run.windows.items()}
     return dataclasses.replace(run, posterior=tree, windows=windows, parameters=[*run.parameters, *infos])
 
 
@@ -83,22 +78,14 @@ def test_there_is_a_section_only_where_there_is_a_discrepancy(run):
     assert "carries over to every window" in words(blocks)
 
 
-def test_in_time_every_window_has_a_figure_and_fading_is_told(run):
-    blocks = section(made(run, "time and phase"), "discrepancy").blocks
-    assert [b.kind for b in blocks].count("figure") == 2
-    assert "carries over" in words(blocks)
-    assert "fades within a few lengthscales to its prior" in words(blocks)
-
-
-def test_amplitudes_and_lengthscales_are_in_kelvin_minutes_and_orbits(run):
+def test_amplitudes_and_lengthscales_are_in_kelvin_and_orbits(run):
     rows = discrepancy.numbers(made(run)).rows
-    assert [row[:3] for row in rows] == [
-        ["time", "battery_temperature", "amplitude, K"],
-        ["time", "all together", "lengthscale, min"],
-        ["orbit phase", "all together", "lengthscale, orbits"],
+    assert [row[:2] for row in rows] == [
+        ["battery_temperature", "amplitude, K"],
+        ["all together", "lengthscale, orbits"],
     ]
-    assert rows[1][3] == "25.0 [10.0, 40.0]"
-    assert rows[1][4].startswith("30.0")
+    assert rows[1][2] == "0.300 [0.0600, 0.500]"
+    assert rows[1][3].startswith("0.200")
 
 
 def test_what_the_discrepancy_stands_in_for_is_named_worst_first(run):
@@ -120,12 +107,11 @@ def test_the_size_is_that_of_the_discrepant_channel_alone(run):
 
 
 def test_the_figure_has_the_discrepant_channel_over_the_orbit_with_its_band(run):
-    figure = figure_discrepancy_in_phase(made(run).windows["train"])
+    figure = figure_discrepancy(made(run).windows["train"])
     assert [t.name for t in figure.data] == ["telemetry − simulation", "interval", "discrepancy, mean"]
     mean = figure.data[2]
     assert (np.diff(mean.x) >= 0).all()
     np.testing.assert_allclose(mean.y, 0.5 * np.sin(2 * np.pi * np.array(mean.x)), atol=1e-6)
-    assert len(figure_discrepancy_in_time(made(run).windows["test"], bins=400).data) == 3
 
 
 def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_white(run):
@@ -156,7 +142,7 @@ def test_innovations_that_are_not_white_contradict_the_noise_by_its_own_name(run
 
 
 def test_with_several_training_windows_it_is_said_that_no_correlation_was_determined(run):
-    own = made(run, "time")
+    own = made(run)
     tree = own.posterior.copy()
     del tree["discrepancy"]
     own = dataclasses.replace(own, posterior=tree)

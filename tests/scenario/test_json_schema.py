@@ -61,7 +61,8 @@ _TIMES = {"lognormal": {"median": "9 min", "factor": 2}}
     [
         ({"noise": {"model": "ar1", "white": "0.1 K", "correlation_time": _TIMES}}, True),
         ({"noise": {"model": "ar2"}}, False),
-        ({"discrepancy": {"time": {"lengthscale": {"uniform": ["9 min", "1 hour"]}}, "phase": {"harmonics": 6}}}, True),
+        ({"discrepancy": {"phase": {"lengthscale": {"uniform": [0.1, 0.3]}, "harmonics": 6}}}, True),
+        ({"discrepancy": {"channels": ["battery_temp"]}}, False),
         ({"discrepancy": {"phase": {"smoothness": "7/2"}}}, False),
         ({"discrepancy": {"phase": {"lengthscale": "1 K"}}}, False),
         (

@@ -99,12 +99,12 @@ def test_noise_may_be_a_model_and_a_channel_has_its_own_or_the_scenarios(tmp_pat
 
 
 def test_a_discrepancy_is_read_in_si(tmp_path):
-    block = "{time: {amplitude: 0.5 K, lengthscale: {uniform: [10 min, 1 hour]}}, phase: {smoothness: 5/2, shared: []}}"
+    block = "{phase: {amplitude: 500 mK, lengthscale: {uniform: [0.1, 0.4]}, smoothness: 5/2, shared: []}}"
     (tmp_path / "scenario.yaml").write_text(EXAMPLE.read_text() + f"\ndiscrepancy: {block}\n")
     (tmp_path / "example.csv").write_text("time\n")
     discrepancy = load_scenario(tmp_path / "scenario.yaml").discrepancy
-    assert discrepancy.time.amplitude == 0.5
-    assert discrepancy.time.lengthscale == Uniform(lower=600.0, upper=3600.0)
+    assert discrepancy.phase.amplitude == 0.5
+    assert discrepancy.phase.lengthscale == Uniform(lower=0.1, upper=0.4)
     assert (discrepancy.phase.smoothness, discrepancy.phase.shared) == ("5/2", ())
     assert discrepancy.channels == ()
 

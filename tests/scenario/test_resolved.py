@@ -64,7 +64,7 @@ def resolve(folder, text, name="scenario.yaml"):
         ("windows:", "noise: {model: ar1, white: {half_normal: 0.1 K}, correlation_time: 5 min}\nwindows:"),
         ("noise: 0.2 K", "noise: {distribution: student_t, degrees_of_freedom: {lognormal: {median: 5, factor: 2}}}"),
         ("noise: 0.2 K", "noise: {quantisation: 0.1 K}"),
-        ("windows:", "discrepancy: {time: {lengthscale: {uniform: [9 min, 1 hour]}}, phase: {shared: []}}\nwindows:"),
+        ("windows:", "discrepancy: {phase: {lengthscale: {uniform: [0.1, 0.3]}, shared: []}}\nwindows:"),
         ("normal: all", "normal: {tracks_sun_about: [0, 1, 0.5], back: true}"),
         ("heat: none", ""),
         ("heat: none", "heat: {}"),

@@ -288,7 +288,7 @@ def test_a_window_is_checked_by_channel_on_its_scored_samples():
 
 
 def correlated_window():
-    """AR(1) residuals, and the innovations that they are made of; a discrepancy in time of the second channel."""
+    """AR(1) residuals, and the innovations that they are made of; a discrepancy of the second channel."""
     rng = np.random.default_rng(16)
     residuals = np.stack([ar1(0.9, 600, rng), ar1(0.9, 600, rng)], axis=1)
     innovations = residuals.copy()
@@ -300,7 +300,7 @@ def correlated_window():
             "scored": ("time", np.ones(600, bool)),
             "innovation": (("time", "channel"), innovations),
             "noise": ("channel", ["AR(1) noise", "independent Student-t noise"]),
-            "discrepant": ("channel", ["", "time"]),
+            "discrepant": ("channel", [False, True]),
         },
         {"time": times(600), "by": ["stochastic"], "channel": ["ar1", "lacking"]},
     )
@@ -314,19 +314,18 @@ def test_of_correlated_noise_the_innovations_are_tested():
     assert "no contradiction to AR(1) noise" in check.words
 
 
-def test_correlation_by_a_discrepancy_in_time_is_expected_only_where_nothing_tells_it():
-    _, learnt = check_window(correlated_window())
-    _, unseen = check_window(correlated_window(), unseen=True)
-    assert (learnt.verdict, learnt.discrepancy) == ("contradicted", "time")
+def test_correlation_by_slow_heat_is_expected_only_where_nothing_tells_it():
+    _, learnt = check_window(correlated_window(), heat=True)
+    _, unseen = check_window(correlated_window(), unseen=True, heat=True)
+    assert learnt.verdict == "contradicted"
     assert "contradict independent Student-t noise" in learnt.words
     assert unseen.verdict == "expected"
     assert "too narrow" not in unseen.words
 
 
-def test_correlation_beside_a_discrepancy_in_phase_is_not_expected():
-    window = correlated_window()
-    window["discrepant"] = ("channel", ["", "phase"])
-    _, unseen = check_window(window, unseen=True)
+def test_correlation_beside_a_discrepancy_is_not_expected():
+    plain, unseen = check_window(correlated_window(), unseen=True)
+    assert (plain.discrepant, unseen.discrepant) == (False, True)
     assert unseen.verdict == "contradicted"
 
 

@@ -36,9 +36,7 @@ def compare(
     out: Annotated[Path, typer.Option(help="Folder of the runs; what is done in it is not run again.")],
     models: Annotated[
         str | None,
-        typer.Option(
-            help="Which to compare: heat, iid, ar1, time, phase, both, phase+ar1. [default: heat, iid, ar1, phase+ar1]"
-        ),
+        typer.Option(help="Which to compare: heat, iid, ar1, phase, phase+ar1. [default: heat, iid, ar1, phase+ar1]"),
     ] = None,
     leave_windows_out: Annotated[
         bool, typer.Option("--leave-windows-out", help="Also predict each training window by the others.")

@@ -32,7 +32,7 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
     if problems:
         typer.echo(f"{problems} problem{'s' if problems > 1 else ''} found", err=True)
         raise typer.Exit(USER_ERROR)
-    from ..problem import build_window, open_windows, problem_of
+    from ..problem import build_window, open_windows
     from ..telemetry import bridged, quality_table, read
 
     loaded = load_scenario(scenario, telemetry=telemetry)
@@ -48,8 +48,7 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
         typer.echo(f"error: {words}", err=True)
     if refused:
         raise typer.Exit(USER_ERROR)
-    trained = [windows[name] for name in loaded.train_windows]
-    problem_of(loaded, trained, open_windows(trained, data))
+    open_windows([windows[name] for name in loaded.train_windows], data)
     for window, built in windows.items():
         accuracy = built.network.accuracy if built.network is not None else None
         steps = "" if accuracy is None else f"; {accuracy.steps} steps, error {1e3 * accuracy.error:.2g} mK"

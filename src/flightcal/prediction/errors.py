@@ -1,11 +1,10 @@
 """What telemetry of a window differs by from the simulation: discrepancy and noise, given what calibration has seen.
 
 On the training window the discrepancy is the one that the residuals there show, and noise is drawn anew. On any other
-window the part in orbit phase carries over, with its weights as the training residuals leave them; the part in time is
-continued from the edge of the training window, so it fades to its prior within a few lengthscales; correlated noise
-starts from its stationary distribution. There, the window's first samples, which are not scored, tell about all of
-these as well: each draw is corrected for the residuals that its simulation leaves in them (Matheron's rule: a draw of
-the prior plus the gain times what it errs by is a draw given the data; Journel & Huijbregts 1978).
+window the discrepancy carries over, with its weights as the training residuals leave them; correlated noise starts from
+its stationary distribution. There, the window's first samples, which are not scored, tell about both as well: each draw
+is corrected for the residuals that its simulation leaves in them (Matheron's rule: a draw of the prior plus the gain
+times what it errs by is a draw given the data; Journel & Huijbregts 1978).
 """
 
 from __future__ import annotations
@@ -17,11 +16,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..probability import TIME_LENGTH, TIME_SIZE, ResidualModel, weights_given
+from ..probability import ResidualModel, weights_given
 from ..problem import Problem, Window
 from ..simulator import FloatArray, IntArray, Trajectory
 from .duty import duty_errors
-from .matern import ORDER, continue_path, covariance, fading, stationary
 
 _TELLING = 60
 """First samples at most that a draw is corrected for: each draw and channel has a covariance of them."""
@@ -96,36 +94,15 @@ class WindowErrors:
         """Of the training window."""
         return self.train.residuals
 
-    @cached_property
+    @property
     def seconds(self) -> FloatArray:
-        """Of the window, from the training window's start, [T]."""
-        since = self.window.times - self.train.times[0]
-        return np.asarray(since / np.timedelta64(1, "ns") * 1e-9, float)
+        """Of the window's samples, from its first one, [T]."""
+        return self.window.residuals.terms.seconds
 
-    @cached_property
-    def gaps(self) -> FloatArray:
-        """From the edge of the training window that is nearer, [T] s."""
-        return np.asarray(-self.seconds if self.before else self.seconds - self.model.terms.seconds[-1])
-
-    @cached_property
-    def before(self) -> bool:
-        """Whether the window lies before the training window."""
-        return bool(self.seconds[0] < 0.0)
-
-    @cached_property
-    def is_train(self) -> bool:
-        """Whether the window is the training window."""
-        return self.window.name == self.train.name
-
-    @cached_property
-    def edge(self) -> FloatArray:
-        """The state of the part in time at the edge, over its weights: [p, m]."""
-        time = self.model.time
-        assert time is not None
-        at = self.model.terms.seconds[[0 if self.before else -1]]
-        # A process looked at backwards has the slope of the other sign.
-        sign = -1.0 if self.before else 1.0
-        return np.concatenate([sign**order * time.at(at, order) for order in range(ORDER[self.model.smoothness])])
+    @property
+    def basis(self) -> FloatArray:
+        """What the weights do to the window's discrepancy, [T, m]."""
+        return self.window.residuals.terms.shapes.basis
 
     def usable(self) -> NDArray[np.bool_]:
         """[S] whether the training window could be simulated."""
@@ -145,21 +122,6 @@ class WindowErrors:
         observed, simulated = self.train.observed, self.train_temperatures[draw]
         return weights_given([self.model.terms], [observed], [simulated], [self.numbers[draw]])[0]
 
-    def basis(self, numbers: FloatArray) -> FloatArray:
-        """What the weights do to the window's expected discrepancy, [T, m]; numbers: [n] of a channel."""
-        if self.is_train:
-            return np.asarray(self.model.terms.shapes.basis)
-        parts = []
-        if self.model.time is not None:
-            parts.append(self._fading(numbers) @ self.edge)
-        in_time = 0 if self.window.residuals.time is None else self.window.residuals.time.count
-        parts.append(self.window.residuals.terms.shapes.basis[:, in_time:])
-        return np.concatenate(parts, axis=1)
-
-    def _fading(self, numbers: FloatArray) -> FloatArray:
-        """The part in time expected from its state at the edge, [T, p]."""
-        return fading(self.model.smoothness, numbers[TIME_LENGTH], self.gaps)
-
     @cached_property
     def telling(self) -> IntArray:
         """[F] places of the first samples that the draws are corrected for: of dense ones a part tells as much."""
@@ -172,19 +134,12 @@ class WindowErrors:
 
         factor: [m, m] of the weights' covariance, of the channel.
         """
-        own, told = self.numbers[draw, channel], self.telling
+        told = self.telling
         discrepancy = np.zeros((len(self.seconds), len(told)))
         if self.model.terms.discrepant[channel]:
-            basis = self.basis(own)
-            discrepancy = basis @ (factor @ (basis[told] @ factor).T)
-            if self.model.time is not None:
-                seen = self._fading(own)
-                at_rest = stationary(self.model.smoothness, own[TIME_SIZE], own[TIME_LENGTH])
-                apart = self.seconds[:, None] - self.seconds[told]
-                discrepancy += covariance(self.model.smoothness, own[TIME_SIZE], own[TIME_LENGTH], apart)
-                discrepancy -= seen @ at_rest @ seen[told].T
+            discrepancy = self.basis @ (factor @ (self.basis[told] @ factor).T)
         apart = self.seconds[:, None] - self.seconds[told]
-        return discrepancy, self.model.terms.kinds[channel].covariance(own, apart)
+        return discrepancy, self.model.terms.kinds[channel].covariance(self.numbers[draw, channel], apart)
 
     def at_first(self) -> FirstErrors:
         """The law of the first samples' errors, in which initial temperatures are estimated."""
@@ -195,7 +150,7 @@ class WindowErrors:
             weights, factor = self.weights(s)
             for k in range(channels):
                 if self.model.terms.discrepant[k]:
-                    mean[s, :, k] = (self.basis(self.numbers[s, k]) @ weights[k])[: self.first]
+                    mean[s, :, k] = self.basis[: self.first] @ weights[k]
                 discrepancy, noise = self.covariances(s, k, factor[k])
                 factors[k, s] = self._factor(s, k, discrepancy, noise)
         return FirstErrors(mean, factors, self.telling)
@@ -213,40 +168,16 @@ class WindowErrors:
 
     def draw(self, temperatures: FloatArray, rng: np.random.Generator) -> Drawn:
         """Errors of the draws, whose simulations of the window are `temperatures` [S, T, N]."""
-        draws, _, channels = temperatures.shape
         discrepancy, mean = np.zeros(temperatures.shape), np.zeros(temperatures.shape)
-        continues = self.model.time is not None and not self.is_train
-        # Weights of the part in time that is drawn from its edge on, instead of with the others.
-        in_time = self.edge.shape[1] if continues else 0
-        edge = np.zeros((draws, channels, ORDER[self.model.smoothness] if continues else 0))
-        weights = [self.weights(s) for s in range(draws)]
+        weights = [self.weights(s) for s in range(len(temperatures))]
         for s, (expected, factor) in enumerate(weights):
             for k in np.flatnonzero(self.model.terms.discrepant):
                 drawn = expected[k] + factor[k] @ rng.standard_normal(len(expected[k]))
-                basis = self.basis(self.numbers[s, k])
-                mean[s, :, k] = basis @ expected[k]
-                discrepancy[s, :, k] = basis[:, in_time:] @ drawn[in_time:]
-                if continues:
-                    edge[s, k] = self.edge @ drawn[:in_time]
-        if continues:
-            discrepancy += self._continued(edge, rng)
+                mean[s, :, k], discrepancy[s, :, k] = self.basis @ expected[k], self.basis @ drawn
         errors = Drawn(mean, discrepancy, *self._noise(rng))
-        for s in range(draws):
-            self._correct(s, weights[s][1], temperatures[s], errors)
+        for s, (_, factor) in enumerate(weights):
+            self._correct(s, factor, temperatures[s], errors)
         return errors
-
-    def _continued(self, edge: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """The part in time [S, T, N] from its state at the edge [S, N, p]."""
-        discrepant = self.model.terms.discrepant
-        values = np.zeros((len(edge), len(self.seconds), len(discrepant)))
-        order = slice(None, None, -1 if self.before else 1)
-        gaps = np.diff(np.concatenate([[0.0], self.gaps[order]]))
-        own = self.numbers[:, discrepant]
-        path = continue_path(
-            self.model.smoothness, own[..., TIME_SIZE], own[..., TIME_LENGTH], edge[:, discrepant], gaps, rng
-        )
-        values[:, order, discrepant] = np.moveaxis(path, 0, 1)
-        return values
 
     def _noise(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Noise with a memory and noise without, [S, T, N] each, K."""

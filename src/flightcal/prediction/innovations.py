@@ -13,12 +13,6 @@ def noise_in_words(model: ResidualModel) -> list[str]:
     return [kind.words for kind in model.terms.kinds]
 
 
-def discrepancy_in_words(model: ResidualModel) -> list[str]:
-    """The parts of each channel's discrepancy [N]: time, phase, both, or nothing."""
-    parts = [name for name, part in (("time", model.time), ("phase", model.phase)) if part is not None]
-    return [" and ".join(parts) if discrepant else "" for discrepant in model.terms.discrepant]
-
-
 def innovations(
     model: ResidualModel, residual: FloatArray, seconds: FloatArray, numbers: FloatArray, rng: np.random.Generator
 ) -> FloatArray:

@@ -35,7 +35,7 @@ LABELS: Final[dict[str, tuple[str, str]]] = {
     "error": ("1", "root mean square of the telemetry's distances from the mean, in deviations of the prediction"),
     "replicated_error": ("1", "the same for draws of the prediction in the place of the telemetry"),
     "noise": ("", "noise that is assumed"),
-    "discrepant": ("", "discrepancy that is assumed"),
+    "discrepant": ("", "whether a discrepancy is assumed"),
     "innovation": ("1", "residual without what is expected from the one before, in its deviations"),
     "discrepancy_mean": ("K", "mean of the discrepancy"),
     "discrepancy_lower": ("K", "lower end of the discrepancy's interval"),

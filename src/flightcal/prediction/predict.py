@@ -22,7 +22,7 @@ from .errors import WhiteErrors, WindowErrors, window_errors
 from .heat import DrawnHeat, Heated, draw_heat, heated_window
 from .holding import replicate
 from .initial import condition_initial, condition_start
-from .innovations import discrepancy_in_words, innovations, noise_in_words
+from .innovations import innovations, noise_in_words
 from .labels import LABELS
 from .unseen import unseen_attribute
 
@@ -154,7 +154,7 @@ def _residual_model(
     by_sample = ("time", "channel")
     found: dict[str, tuple[str | tuple[str, ...], object]] = {
         "noise": ("channel", noise_in_words(model)),
-        "discrepant": ("channel", discrepancy_in_words(model)),
+        "discrepant": ("channel", model.terms.discrepant),
         "innovation": (
             by_sample,
             innovations(model, window.observed - fitted, errors.seconds, numbers, rng),
@@ -196,7 +196,7 @@ def _in_words(
 
 
 def _contained(window: Window) -> str:
-    """What of the residuals is in the interval, and which part of the discrepancy carries over to the window."""
+    """What of the residuals is in the interval, and whether the discrepancy carries over to the window."""
     model = window.residuals
     correlated = any(kind.has_memory for kind in model.terms.kinds)
     noise = "correlated measurement noise (drawn anew)" if correlated else "measurement noise"
@@ -206,12 +206,7 @@ def _contained(window: Window) -> str:
         return f"{noise}; not model discrepancy"
     if is_trained(window.name):
         return f"{noise}, and model discrepancy as the residuals of this window show it"
-    parts = []
-    if model.phase is not None:
-        parts.append("its part in orbit phase carries over from the training window")
-    if model.time is not None:
-        parts.append("its part in time is continued from the edge of the training window and fades to its prior")
-    return f"{noise}, and model discrepancy: {'; '.join(parts)}"
+    return f"{noise}, and model discrepancy as it carries over from the training window"
 
 
 def _of_duty(errors: WindowErrors | None, name: str, windows: int, *, heated: bool) -> str:

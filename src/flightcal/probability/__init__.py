@@ -22,7 +22,7 @@ from .noise import INDEPENDENT, called
 from .noise.kind import DEVIATION, NoiseKind
 from .noise.shaped import Shaped
 from .priors import CENTRAL, Priors, PriorTerms, Tilt, signed
-from .residuals import TIME_LENGTH, TIME_SIZE, ResidualModel, residual_model
+from .residuals import ResidualModel, residual_model
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches, uncertain_thermostats
 from .straight import Straight, straight
 from .weighing import Evidence, Gains, Weighed, filter_of, weigh

@@ -21,10 +21,10 @@ from ..simulator import FloatArray
 from .heat import WindowHeat
 from .kernels.window import ProjectCall, WindowCall, finish, project, start
 from .noise.kind import NoiseCall, NoiseKind, ShapesCall
-from .shapes import Shapes, Weights
+from .shapes import Shapes, Weights, no_shapes
 from .weighing import heat_rows
 
-SHAPE_NUMBERS = 4
+SHAPE_NUMBERS = 2
 """The last of a channel's numbers, which are those of its discrepancy's weights."""
 
 
@@ -62,10 +62,9 @@ class Residuals:
         """The same with the error of a simulator in shapes [T, N, r]; None: it has none."""
         return self if errors is None else replace(self, shapes=replace(self.shapes, errors=errors))
 
-    def with_first(self, count: int) -> Residuals:
-        """The same with the first shapes of the discrepancy alone."""
-        shapes = self.shapes.first(count)
-        return self if shapes is self.shapes else replace(self, shapes=shapes)
+    def without_shapes(self) -> Residuals:
+        """The same with noise alone."""
+        return replace(self, shapes=no_shapes(len(self.seconds), len(self.kinds)))
 
 
 class WindowMemory(NamedTuple):
@@ -75,7 +74,7 @@ class WindowMemory(NamedTuple):
     """[T, N] K, read, as the next three; what is not valid is of no matter."""
     simulated: FloatArray
     numbers: FloatArray
-    """[N, n] of each channel: its noise's, in the kind's order, and last the four of its discrepancy's weights."""
+    """[N, n] of each channel: its noise's, in the kind's order, and last the two of its discrepancy's weights."""
     variance: FloatArray
     """[r] of the weights of the simulator's error."""
     simulated_bar: FloatArray
@@ -126,7 +125,7 @@ class LikelihoodCalls(NamedTuple):
 def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMemory]) -> LikelihoodCalls:
     """The log likelihood of one window or several, and its derivatives: each reads and fills its memory.
 
-    Several windows share the weights that are not a window's own, and the numbers of the weights' prior.
+    Several windows share the weights of a discrepancy, and the numbers of the weights' prior.
     """
     if residuals[0].heat is not None:
         return LikelihoodCalls(*heat_rows(residuals, memories))
@@ -149,7 +148,7 @@ def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMe
 
 def _joined(residuals: Sequence[Residuals]) -> list[list[tuple[int, int]]]:
     """Windows and channels that have shapes, put together where they share weights."""
-    over_windows = len(residuals) > 1 and residuals[0].shapes.is_shared
+    over_windows = len(residuals) > 1 and residuals[0].discrepant.any()
     over_channels = any(len(own.shapes.between) for own in residuals)
     found: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for place, own in enumerate(residuals):
@@ -263,7 +262,7 @@ def _with_shapes(
         if shapes.channels[k]:
             numbers, numbers_bar = (array[k, -SHAPE_NUMBERS:] for array in (memory.numbers, memory.numbers_bar))
             # What windows share is counted in the first alone.
-            counted = shapes.basis.shape[1] if place == first else shapes.own
+            counted = shapes.basis.shape[1] if place == first else 0
             fills, pulls = weights.of_discrepancy(p, shapes.prior, numbers, numbers_bar, counted=counted)
             before.append(fills)
             after.append(pulls)
@@ -289,7 +288,7 @@ def _own_weights(windows: Sequence[_Window], parts: Sequence[tuple[int, int]]) -
     if len(parts) == 1:
         return Weights(in_discrepancy + most, np.empty((1, 0), np.int64), in_discrepancy + most)
     over_windows = len({place for place, _ in parts}) > 1
-    between = in_discrepancy - shapes[0].own if over_windows else 0
+    between = in_discrepancy if over_windows else 0
     places: dict[tuple[str, int, int], int] = {}
     shared = []
     for p, ((place, k), which) in enumerate(zip(parts, errors, strict=True)):
@@ -352,12 +351,12 @@ def weights_given(
     simulated: Sequence[FloatArray],
     numbers: Sequence[FloatArray],
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """The discrepancy's weights given residuals of windows, which may share some; a simulator's error is left out.
+    """The discrepancy's weights given residuals of windows, which share them; a simulator's error is left out.
 
     Arguments of each window as in `Likelihood`. Of each mean [N, m], and F [N, m, m] with their covariance F F^T; zero
     for a channel without a discrepancy.
     """
-    residuals = [own.with_first(own.shapes.basis.shape[1]) for own in residuals]
+    residuals = [own.with_errors(np.empty((0, 0, 0))) if own.shapes.errors.size else own for own in residuals]
     windows, found = [], []
     for own, *arrays in zip(residuals, observed, simulated, numbers, strict=True):
         windows.append(_Window(own, window_memory(*(np.ascontiguousarray(array, float) for array in arrays))))
@@ -389,8 +388,7 @@ def information(
     ones, [q, d]; numbers and variances as in `Likelihood`. The shapes stand beside the coordinates at first.
     """
     shapes, (channels, _), d = residuals[0].shapes, numbers[0].shape, derivatives[0].shape[1]
-    own = shapes.own if len(residuals) > 1 else shapes.basis.shape[1]
-    shared = shapes.basis.shape[1] - own
+    own, shared = (0, shapes.basis.shape[1]) if len(residuals) > 1 else (shapes.basis.shape[1], 0)
     in_all = np.concatenate([_prior_variances(residuals[0], numbers[0])[:, own:].ravel(), *variances])
     total, of_window = np.zeros((d + len(in_all),) * 2), d + channels * shared
     for window, jacobian, derivative, of_noise, of_error in zip(
@@ -422,7 +420,7 @@ def _prior_variances(residuals: Residuals, numbers: FloatArray) -> FloatArray:
 
 def _weighed(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
     """Columns [T, N, c], times the inverse of the covariance of the noise alone."""
-    likelihood, none = Likelihood([residuals.with_first(0)], numbers.shape[1]), np.zeros(columns.shape[:2])
+    likelihood, none = Likelihood([residuals.without_shapes()], numbers.shape[1]), np.zeros(columns.shape[:2])
     weighed = np.zeros(columns.shape)
     for c in np.flatnonzero(columns.any(axis=(0, 1))):
         weighed[..., c] = likelihood((columns[..., c], none, numbers))[1][0].simulated

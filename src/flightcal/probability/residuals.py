@@ -1,7 +1,7 @@
 """What a scenario says about the residuals of a window: noise of each channel, discrepancy, and their numbers.
 
-Each channel has a row of n numbers: its noise's, in the kind's order, and last amplitudes and lengthscales of its
-discrepancy in time and in orbit phase. Each is fixed, or an entry of theta under its name; several may be one entry.
+Each channel has a row of n numbers: its noise's, in the kind's order, and last amplitude and lengthscale of its
+discrepancy. Each is fixed, or an entry of theta under its name; several may be one entry.
 """
 
 from __future__ import annotations
@@ -15,30 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..environment import orbit_phase
-from ..errors import ScenarioError
-from ..scenario import Discrepancy, PhaseDiscrepancy, Prior, Scenario, TimeDiscrepancy, Uniform, noise_of, support
+from ..scenario import Discrepancy, Prior, Scenario, noise_of
 from ..simulator import FloatArray
-from .discrepancy import (
-    MaternPrior,
-    PhaseBasis,
-    TimeBasis,
-    functions_for,
-    longest_lengthscale,
-    shortest_lengthscale,
-    time_basis,
-)
+from .discrepancy import MaternPrior, frequencies, in_phase
 from .likelihood import SHAPE_NUMBERS, Likelihood, Residuals
 from .noise import INDEPENDENT, KINDS, MOST_NUMBERS, kind_of_noise
 from .noise.kind import DEVIATION, NoiseKind
-from .shapes import Shapes
+from .shapes import Shapes, no_shapes
 
 NUMBERS = MOST_NUMBERS + SHAPE_NUMBERS
-TIME_SIZE, TIME_LENGTH, PHASE_SIZE, PHASE_LENGTH = range(MOST_NUMBERS, NUMBERS)
+AMPLITUDE, LENGTH = range(MOST_NUMBERS, NUMBERS)
 """Columns of the numbers [N, n]."""
 
 _SMOOTHNESS = {"3/2": 1.5, "5/2": 2.5}
-_WIDEST = 0.8
-"""Of the longest lengthscale: the shortest at most, where a scenario does not say."""
 _DIFFERENCE = 1e-4
 """Of a number's logarithm."""
 
@@ -62,19 +51,11 @@ class ResidualModel:
     fixed: FloatArray
     """[N, n] the numbers; anything where one is an entry of theta."""
     entries: tuple[Entry, ...]
-    time: TimeBasis | None
-    """Of the discrepancy: the first columns of the basis."""
-    phase: PhaseBasis | None
 
     @cached_property
     def is_independent(self) -> bool:
         """Whether all noise is independent and normal, and there is no discrepancy."""
         return not self.terms.discrepant.any() and all(kind == INDEPENDENT for kind in self.terms.kinds)
-
-    @property
-    def smoothness(self) -> float:
-        """Of the discrepancy's part in time."""
-        return float(self.terms.shapes.prior.smoothness[0])
 
     @cached_property
     def is_normal(self) -> bool:
@@ -84,7 +65,7 @@ class ResidualModel:
     def independent(self) -> ResidualModel:
         """The same channels and entries with independent normal noise alone: the published likelihood."""
         kinds = (INDEPENDENT,) * len(self.terms.kinds)
-        return replace(self, terms=replace(self.terms.with_first(0), kinds=kinds))
+        return replace(self, terms=replace(self.terms.without_shapes(), kinds=kinds))
 
     def with_known_shape(self, kinds: Sequence[NoiseKind], deviations: FloatArray | None = None) -> ResidualModel:
         """The same with noise of other kinds [N], each of which has one number, its deviation.
@@ -150,15 +131,12 @@ class ResidualModel:
     ) -> FloatArray:
         """Residuals [T, N], K, drawn from the model with the discrepancy's weights from their prior.
 
-        shared: [N, m] standard normal, of which those are taken that windows share (None: drawn too).
+        shared: [N, m] the weights in deviations, where windows share them (None: drawn too).
         """
         drawn = self.draw_noise(numbers, rng)
-        own = self.terms.shapes.own
         for k in np.flatnonzero(self.terms.discrepant):
             deviation = self.prior_deviations(numbers[k])
-            standard = rng.standard_normal(len(deviation))
-            if shared is not None:
-                standard[own:] = shared[k, own:]
+            standard = rng.standard_normal(len(deviation)) if shared is None else shared[k]
             drawn[:, k] += self.terms.shapes.basis @ (deviation * standard)
         return drawn
 
@@ -181,12 +159,9 @@ class ResidualModel:
 
 
 def residual_model(
-    scenario: Scenario, channels: tuple[str, ...], times: Any, observed: FloatArray, *, checked: bool
+    scenario: Scenario, channels: tuple[str, ...], times: Any, observed: FloatArray
 ) -> tuple[ResidualModel, dict[str, Prior]]:
-    """The residuals' model at times [T] (UTC) with telemetry observed [T, N], and the priors of its entries by name.
-
-    checked: see that the discrepancy has functions enough for its lengthscales. Raises ScenarioError.
-    """
+    """The residuals' model at times [T] (UTC) with telemetry observed [T, N], and the priors of its entries by name."""
     seconds = (times - times[0]) / np.timedelta64(1, "ns") * 1e-9 if len(times) else np.empty(0)
     fixed = np.zeros((len(channels), NUMBERS))
     priors: dict[str, Prior] = {}
@@ -210,58 +185,22 @@ def residual_model(
                 size = "noise" if column == DEVIATION else "white" if number == kind.white else ""
                 put(".".join(("noise", channel, *own)), value, k, column, size)
 
-    written = scenario.discrepancy or Discrepancy.model_construct(time=None, phase=None, channels=())
-    discrepant = np.array([not written.channels or channel in written.channels for channel in channels])
-    discrepant &= written.time is not None or written.phase is not None
-
-    def put_part(part: str, block: TimeDiscrepancy | PhaseDiscrepancy, length: Prior | float, first: int) -> None:
-        values = (("amplitude", block.amplitude, "discrepancy"), ("lengthscale", length, ""))
-        for column, (key, value, size) in enumerate(values, first):
-            for k in np.flatnonzero(discrepant).tolist():
-                own = () if key in block.shared else (channels[k],)
-                put(".".join(("discrepancy", part, key, *own)), value, k, column, size)
-
-    time, phase = None, None
-    basis, frequency = [np.empty((len(seconds), 0))], [np.empty(0)]
-    if written.time is not None:
-        time, length = _time_part(written.time, seconds, checked=checked)
-        put_part("time", written.time, length, TIME_SIZE)
-        basis.append(time.at(seconds))
-        frequency.append(time.frequencies)
-    if written.phase is not None:
-        phase = PhaseBasis(written.phase.harmonics)
-        put_part("phase", written.phase, written.phase.lengthscale, PHASE_SIZE)
-        origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)
-        basis.append(phase.at(orbit_phase(scenario.environment, times, scenario.folder, origin)))
-        frequency.append(phase.frequencies)
-    smoothness = np.array([_SMOOTHNESS[block.smoothness] if block else 1.5 for block in (written.time, written.phase)])
-    in_time = 0 if time is None else time.count
-    prior = MaternPrior(in_time, np.concatenate(frequency), smoothness)
-    shapes = Shapes(discrepant, np.ascontiguousarray(np.concatenate(basis, axis=1)), in_time, prior)
+    shapes = no_shapes(len(seconds), len(channels))
+    if scenario.discrepancy is not None:
+        shapes, phase = _discrepancy(scenario, scenario.discrepancy, channels, times), scenario.discrepancy.phase
+        for column, key, size in ((AMPLITUDE, "amplitude", "discrepancy"), (LENGTH, "lengthscale", "")):
+            for k in np.flatnonzero(shapes.channels).tolist():
+                own = () if key in phase.shared else (channels[k],)
+                put(".".join(("discrepancy", "phase", key, *own)), getattr(phase, key), k, column, size)
     valid = np.ascontiguousarray(np.isfinite(observed).T)
     terms = Residuals(np.ascontiguousarray(seconds, float), valid, tuple(kinds), shapes)
-    return ResidualModel(terms, fixed, tuple(entries), time, phase), priors
+    return ResidualModel(terms, fixed, tuple(entries)), priors
 
 
-def _time_part(written: TimeDiscrepancy, seconds: FloatArray, *, checked: bool) -> tuple[TimeBasis, Prior | float]:
-    """Functions of time, and the lengthscale: where a scenario does not say, what these and the window suit.
-
-    checked: see that they are enough. Raises ScenarioError.
-    """
-    first, last = (seconds[0], seconds[-1]) if len(seconds) > 1 else (0.0, 1.0)
-    smoothness, length = _SMOOTHNESS[written.smoothness], written.lengthscale
-    longest = longest_lengthscale(first, last) if length is None else _bounds(length)[1]
-    basis = time_basis(first, last, longest, smoothness, written.functions)
-    if length is None:
-        length = Uniform(lower=min(shortest_lengthscale(basis, smoothness), _WIDEST * longest), upper=longest)
-    shortest = _bounds(length)[0]
-    if checked and (needed := functions_for(basis, smoothness, shortest)) > written.functions:
-        raise ScenarioError(
-            f"discrepancy.time: found {written.functions} functions for lengthscales from {shortest / 60:.3g} min on, "
-            f"expected at least {needed}: more 'functions', a longer shortest lengthscale or a shorter longest one"
-        )
-    return basis, length
-
-
-def _bounds(value: Prior | float) -> tuple[float, float]:
-    return (value, value) if isinstance(value, float) else support(value)
+def _discrepancy(scenario: Scenario, written: Discrepancy, channels: tuple[str, ...], times: Any) -> Shapes:
+    """Its shapes at times [T] (UTC)."""
+    which = np.array([not written.channels or channel in written.channels for channel in channels])
+    origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)
+    phase, harmonics = orbit_phase(scenario.environment, times, scenario.folder, origin), written.phase.harmonics
+    prior = MaternPrior(frequencies(harmonics), _SMOOTHNESS[written.phase.smoothness])
+    return Shapes(which, np.ascontiguousarray(in_phase(phase, harmonics)), prior)

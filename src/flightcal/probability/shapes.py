@@ -27,16 +27,10 @@ class Shapes:
     channels: NDArray[np.bool_]
     """[N] which have a discrepancy."""
     basis: FloatArray
-    """[T, m] of the discrepancy: those whose weights are a window's own first, then those that all windows share."""
-    own: int
+    """[T, m] of the discrepancy, whose weights all windows share."""
     prior: MaternPrior
     errors: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
     """[T, N, r] K, of the simulator's error."""
-
-    @property
-    def is_shared(self) -> bool:
-        """Whether windows share weights."""
-        return self.own < self.basis.shape[1]
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
@@ -60,14 +54,10 @@ class Shapes:
         which = self.error_of(k)
         return np.concatenate([self.basis, self.errors[:, k, which]], axis=1) if len(which) else self.basis
 
-    def first(self, count: int) -> Shapes:
-        """Those of the discrepancy that have the first weights."""
-        if count == self.basis.shape[1] and not self.errors.shape[2]:
-            return self
-        return Shapes(
-            self.channels & (count > 0), np.ascontiguousarray(self.basis[:, :count]), min(self.own, count),
-            self.prior.first(count),
-        )  # fmt: skip
+
+def no_shapes(samples: int, channels: int) -> Shapes:
+    """None, in a window of so many samples and channels."""
+    return Shapes(np.zeros(channels, bool), np.empty((samples, 0)), MaternPrior(np.empty(0), 1.5))
 
 
 class Weights:

@@ -61,7 +61,7 @@ def build_problem(scenario: Scenario, telemetry: xarray.Dataset, *windows: str, 
 
 
 def problem_of(scenario: Scenario, windows: Sequence[Window], opened: Sequence[Window] = ()) -> Problem:
-    """The problem of windows of one scenario; opened: the same in open loop. Raises ScenarioError."""
+    """The problem of windows of one scenario; opened: the same in open loop."""
     entries = entries_of(scenario, windows)
     in_open_loop = Problem(opened[0].scenario, entries, tuple(opened)) if opened else None
     return Problem(scenario, entries, tuple(windows), in_open_loop)
@@ -130,9 +130,7 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
             f"windows.{name}: found no simulation that stays finite at draws of the priors, expected some: numbers or "
             f"priors are off by far{_largest_heat(simulator)}"
         )
-    residuals, of_residuals = residual_model(
-        scenario, simulator.channels, times, observed, checked=is_trained(name) and span is None
-    )
+    residuals, of_residuals = residual_model(scenario, simulator.channels, times, observed)
     reads |= of_residuals
     status = heater_status(scenario, chosen, start)
     reads |= {} if status is None else status.priors

@@ -19,9 +19,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import ScenarioError
 from ..probability import Priors, PriorTerms, signed
-from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, is_difference, support, timed_together
+from ..scenario import HalfNormal, Normal, Prior, Scenario, is_difference, timed_together
 from ..simulator import TIME_ERROR, FloatArray, IntArray
 from .window import Window
 
@@ -74,7 +73,7 @@ class Entry:
 
 
 def entries_of(scenario: Scenario, windows: Sequence[Window]) -> tuple[Entry, ...]:
-    """Theta of a calibration on these windows. Raises ScenarioError."""
+    """Theta of a calibration on these windows."""
     shared, initial = {}, []
     for window in windows:
         for name, prior in window.reads.items():
@@ -82,7 +81,6 @@ def entries_of(scenario: Scenario, windows: Sequence[Window]) -> tuple[Entry, ..
                 own = _initial_name(name, window, len(windows))
                 initial.append(Entry(own, "K", prior, "initial", window=window.name))
             elif name not in shared:
-                # What the noise's priors say may depend on the window; the first one's stands for all.
                 shared[name] = _entry(scenario, name, prior)
     drifts = []
     for name in drifting_parameters(scenario):
@@ -91,9 +89,7 @@ def entries_of(scenario: Scenario, windows: Sequence[Window]) -> tuple[Entry, ..
         for window in windows:
             standard = Normal(mean=0.0, standard_deviation=1.0)
             drifts.append(Entry(f"drift.{name}.{window.label}", "", standard, "drift", window=window.name))
-    common = common_lengthscales(scenario, windows)
-    found = [Entry(**{**vars(entry), "prior": common.get(entry.name, entry.prior)}) for entry in shared.values()]
-    return (*found, *drifts, *initial)
+    return (*shared.values(), *drifts, *initial)
 
 
 def _entry(scenario: Scenario, name: str, prior: Prior) -> Entry:
@@ -105,29 +101,10 @@ def _entry(scenario: Scenario, name: str, prior: Prior) -> Entry:
     kind, *rest = name.split(".")
     if kind == "heat":
         return Entry(name, "" if rest == ["gains"] else "W", signed(prior), "heat")
-    in_seconds = kind == "timing" or rest[-1:] == ["correlation_time"] or rest[:2] == ["time", "lengthscale"]
+    in_seconds = kind == "timing" or rest[-1:] == ["correlation_time"]
     in_orbits = kind == "discrepancy" and rest[:2] == ["phase", "lengthscale"]
     none = kind == "error_rate" or "degrees_of_freedom" in rest or in_orbits
     return Entry(name, "s" if in_seconds else "" if none else "K", prior, kind)  # type: ignore[arg-type]
-
-
-def common_lengthscales(scenario: Scenario, windows: Sequence[Window]) -> dict[str, Prior]:
-    """Default priors of lengthscales in time that suit every window. Raises ScenarioError."""
-    written = scenario.discrepancy
-    if len(windows) < 2 or written is None or written.time is None or written.time.lengthscale is not None:
-        return {}
-    common: dict[str, Prior] = {}
-    for name in windows[0].names:
-        if name.startswith("discrepancy.time.lengthscale"):
-            bounds = [support(window.reads[name]) for window in windows]
-            lower, upper = max(low for low, _ in bounds), min(high for _, high in bounds)
-            if lower >= upper:
-                raise ScenarioError(
-                    "discrepancy.time: found no 'lengthscale' with windows to train on of very different length, "
-                    "expected one: no default suits them all"
-                )
-            common[name] = Uniform(lower=lower, upper=upper)
-    return common
 
 
 def drifting_parameters(scenario: Scenario) -> tuple[str, ...]:

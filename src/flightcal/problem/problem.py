@@ -290,8 +290,7 @@ class Problem:
     @cached_property
     def shares_weights(self) -> bool:
         """Whether the windows have weights of a discrepancy in common."""
-        terms = self.windows[0].residuals.terms
-        return len(self.windows) > 1 and terms.shapes.is_shared and bool(terms.discrepant.any())
+        return len(self.windows) > 1 and bool(self.windows[0].residuals.terms.discrepant.any())
 
     def _of_residuals(self, runs: Sequence[Trajectory], thetas: Sequence[FloatArray]) -> tuple[float, list[Bars]]:
         """Log likelihood of the windows' temperatures at their thetas, and its derivatives."""

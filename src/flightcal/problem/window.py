@@ -2,7 +2,7 @@
 
 A window reads theta of its own [q], in physical units, ordered: the scenario's parameters;
 ``telemetry.time_error`` (s); what is inferred of noise and discrepancy (``noise.<channel>``,
-``noise.<channel>.<what>``, ``discrepancy.<part>.<what>[.<channel>]``); ``timing.<channel>`` (s) and
+``noise.<channel>.<what>``, ``discrepancy.phase.<what>[.<channel>]``); ``timing.<channel>`` (s) and
 ``error_rate.<channel>`` of a heater's status where these are; ``initial.<node>`` (K).
 `problem.Problem` says where these come from among what is calibrated.
 """

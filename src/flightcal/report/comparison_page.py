@@ -17,9 +17,7 @@ WORDS = {
     "heat": "heat that the model does not know of, the default",
     "iid": "independent noise, as published",
     "ar1": "noise correlated from sample to sample",
-    "time": "discrepancy in time",
     "phase": "discrepancy in orbit phase",
-    "both": "discrepancy in time and in orbit phase",
     "phase+ar1": "discrepancy in orbit phase, and correlated noise",
 }
 
@@ -136,7 +134,7 @@ def _blocks(content: Record) -> list[Block]:
         block.text(
             "Each quarter of an orbit of the training window is predicted from all the others (PSIS-LOO in blocks). "
             "Where Pareto k is above 0.7 leaving the block out changes the posterior too much for this to be exact. "
-            "Neighbours in time are known here, so a discrepancy in time looks better than it is for the future. "
+            "Neighbours in time are known here, so noise with a memory looks better than it is for the future. "
             "Not done for models with unmodelled heat.",
         ),
     ]

@@ -70,9 +70,9 @@ from .network import (
 )
 from .numbers import Numbers, load_coefficient, load_driver, numbers_of, settable
 from .parameters import read_parameters, set_twice
-from .priors import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
+from .priors import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, Uniform
 from .reduced import REDUCED_MODEL_FORMAT
-from .residuals import NEEDS, Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes, TimeDiscrepancy
+from .residuals import NEEDS, Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes
 from .resolved import resolved_yaml
 from .schema import InitialState, Observation, Parameter, Scenario, input_files, is_difference
 from .telemetry import Channel, Packet, Readings, TelemetryFile, TimeColumn

@@ -84,24 +84,11 @@ class Noise(Block):
         return "quantised" if self.quantisation is not None else NOT_NORMAL.get(self.distribution)
 
 
-class TimeDiscrepancy(Block):
-    """Discrepancy as a Matern process in time; on another window it fades to its prior."""
-
-    amplitude: UncertainDeviation = HalfNormal(scale=1.0)
-    """Prior standard deviation, K; it keeps the discrepancy from taking the parameters' place."""
-    lengthscale: UncertainDuration | None = None
-    """s, with two bounds; null: uniform from what `functions` can tell to a quarter of the window."""
-    smoothness: Literal["3/2", "5/2"] = "3/2"
-    functions: Count = Field(40, ge=4, le=400)
-    shared: tuple[Literal["amplitude", "lengthscale"], ...] = ("lengthscale",)
-    """What all channels have in common."""
-
-
 class PhaseDiscrepancy(Block):
     """Discrepancy that comes again in every orbit: a Matern process around the orbit; it carries to other windows."""
 
     amplitude: UncertainDeviation = HalfNormal(scale=1.0)
-    """Prior standard deviation, K."""
+    """Prior standard deviation, K; it keeps the discrepancy from taking the parameters' place."""
     lengthscale: UncertainNumber = Uniform(lower=0.05, upper=0.5)
     """Orbits, with two bounds."""
     smoothness: Literal["3/2", "5/2"] = "3/2"
@@ -113,16 +100,9 @@ class PhaseDiscrepancy(Block):
 class Discrepancy(Block):
     """What the simulator lacks, calibrated together with the parameters."""
 
-    time: TimeDiscrepancy | None = None
-    phase: PhaseDiscrepancy | None = None
+    phase: PhaseDiscrepancy
     channels: tuple[str, ...] = ()
     """Temperature channels that have one; none named: all."""
-
-    @model_validator(mode="after")
-    def _some_part(self) -> Discrepancy:
-        if self.time is None and self.phase is None:
-            raise ValueError("found neither 'time' nor 'phase', expected one of them, or both")
-        return self
 
 
 def _noise_kind(value: Any) -> Any:

@@ -21,7 +21,6 @@ from ..scenario import (
     Noise,
     PhaseDiscrepancy,
     Scenario,
-    TimeDiscrepancy,
     can_have_heat,
     is_trained,
     noise_of,
@@ -31,10 +30,9 @@ from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_o
 from .horizon import ALL
 from .residuals import effective_samples
 
-MODELS = ("heat", "iid", "ar1", "time", "phase", "both", "phase+ar1")
-"""heat: unmodelled heat, the default; iid: independent noise, as published; ar1: correlated; time, phase, both:
-independent and a discrepancy; phase+ar1: a discrepancy that comes again in every orbit, and correlated noise for what
-does not."""
+MODELS = ("heat", "iid", "ar1", "phase", "phase+ar1")
+"""heat: unmodelled heat, the default; iid: independent noise, as published; ar1: correlated; phase: independent, and a
+discrepancy that comes again in every orbit; phase+ar1: that, and correlated noise for what does not."""
 USUAL = ("heat", "iid", "ar1", "phase+ar1")
 """Those that are compared if nobody says which."""
 
@@ -80,13 +78,9 @@ def variant(scenario: Scenario, model: str) -> Scenario:
         for channel, item in scenario.observations.items()
     }
     own = scenario.discrepancy
-    discrepancy = None
-    if model not in ("iid", "ar1"):
-        discrepancy = Discrepancy(
-            time=((own and own.time) or TimeDiscrepancy()) if model in ("time", "both") else None,
-            phase=((own and own.phase) or PhaseDiscrepancy()) if model != "time" else None,
-            channels=own.channels if own is not None else (),
-        )
+    if own is None:
+        own = Discrepancy(phase=PhaseDiscrepancy())
+    discrepancy = own if model.startswith("phase") else None
     return scenario.model_copy(
         update={"observations": observations, "noise": noise(scenario.noise), "discrepancy": discrepancy}
     )

@@ -265,8 +265,8 @@ class ResidualCheck:
     """The posterior is too narrow by about this factor: sqrt(samples / effective)."""
     factor_ar1: float = math.nan
     """The same for AR(1) noise: sqrt((1 + lag1) / (1 - lag1)); too large for residuals that vary smoothly."""
-    discrepancy: str = ""
-    """Its parts (time, phase), whose mean the prediction holds."""
+    discrepant: bool = False
+    """Whether a discrepancy is assumed, whose mean the prediction holds."""
     residual_lag1: float = math.nan
     """Of the residuals themselves, whatever was tested."""
 
@@ -282,7 +282,7 @@ def check_residuals(
     """Tests of one channel's residuals, and in words whether they contradict the noise that is assumed.
 
     residuals: [T] K, telemetry minus prediction, of AR(1) noise its innovations, NaN where missing; time: [T]
-    datetime64. uncertain: a discrepancy in time is not known in this window, which makes residuals correlated.
+    datetime64. uncertain: slow heat is not known in this window, which makes residuals correlated.
 
     An iid likelihood counts every residual as new information; in directions of parameter space whose
     effect on the temperatures varies slowly, only the effective number of them is. Its standard deviations
@@ -328,17 +328,17 @@ def check_window(prediction: xr.Dataset, *, unseen: bool = False, heat: bool = F
     residuals = (scored["observed"] - scored["mean"]).transpose("time", "channel").values
     tested, time = residuals, scored["time"].values
     channels = [str(c) for c in scored["channel"].values]
-    noise, discrepancy = [IID] * len(channels), [""] * len(channels)
+    noise, discrepant = [IID] * len(channels), [False] * len(channels)
     if "innovation" in prediction:
         tested = scored["innovation"].transpose("time", "channel").values
-        noise, discrepancy = ([str(v) for v in scored[name].values] for name in ("noise", "discrepant"))
+        noise = [str(v) for v in scored["noise"].values]
+        discrepant = [bool(v) for v in scored["discrepant"].values]
     checks = []
     for i, channel in enumerate(channels):
-        uncertain = unseen and (heat or "time" in discrepancy[i])
-        check = check_residuals(channel, tested[:, i], time, noise=noise[i], uncertain=uncertain)
+        check = check_residuals(channel, tested[:, i], time, noise=noise[i], uncertain=unseen and heat)
         present = np.isfinite(residuals[:, i])
         own = autocorrelation(residuals[present, i], time[present], 1)[1] if present.sum() > 1 else math.nan
-        checks.append(replace(check, discrepancy=discrepancy[i], residual_lag1=float(own)))
+        checks.append(replace(check, discrepant=discrepant[i], residual_lag1=float(own)))
     return checks
 
 

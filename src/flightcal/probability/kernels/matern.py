@@ -1,4 +1,4 @@
-"""The prior of a discrepancy's weights: spectral densities of Matern processes in time and in orbit phase."""
+"""The prior of a discrepancy's weights: the spectral density of a Matern process in orbit phase."""
 
 from __future__ import annotations
 
@@ -7,25 +7,20 @@ from typing import Any, NamedTuple
 
 from ...compiled import kernel
 
-SIZE, LENGTH, PHASE_SIZE, PHASE_LENGTH = range(4)
-"""Places of the numbers: amplitude (K) and lengthscale (s) in time, and in orbit phase (K, orbits)."""
+SIZE, LENGTH = range(2)
+"""Places of the numbers: amplitude, K, and lengthscale, orbits."""
 
 
 class MaternCall(NamedTuple):
     """The prior of a channel's m weights in a window, and what is known of them."""
 
-    in_time: int
-    """How many are of the process in time, the first."""
     counted: int
     """How many `pull_back_spectrum` counts, the first: what windows share is counted in one of them."""
     frequency: Any
-    """[m] rad/s of those in time, rad per orbit of those in phase."""
-    smoothness: Any
-    """[2] of the process in time and in phase, as the next."""
-    factor: Any
-    """See `discrepancy.matern_factor`."""
+    """[m] rad per orbit."""
+    smoothness: float
     numbers: Any
-    """[4]"""
+    """[2]"""
     root: Any
     """[m] prior standard deviations of the weights, filled by `spectrum`, as the next."""
     slope: Any
@@ -35,24 +30,17 @@ class MaternCall(NamedTuple):
     shrunk: Any
     """[m] their variances over the prior ones."""
     numbers_bar: Any
-    """[4], added to."""
+    """[2], added to."""
 
 
 @kernel
 def spectrum(call):
-    """Fill root and slope; of phase the variances are scaled so that they add up to the amplitude's square."""
-    frequency, in_time, smoothness, factor = call.frequency, call.in_time, call.smoothness, call.factor
-    numbers, root, slope = call.numbers, call.root, call.slope
-    nu, amplitude, length = smoothness[0], numbers[SIZE], numbers[LENGTH]
-    for j in range(in_time):
-        flat = 2.0 * nu / (length * length)
-        density = factor[0] * math.exp(-2.0 * nu * math.log(length) - (nu + 0.5) * math.log(flat + frequency[j] ** 2))
-        root[j] = amplitude * math.sqrt(density)
-        slope[j] = (2.0 * nu + 1.0) * flat / (flat + frequency[j] ** 2) - 2.0 * nu
-    nu, amplitude, length = smoothness[1], numbers[PHASE_SIZE], numbers[PHASE_LENGTH]
+    """Fill root and slope; the variances are scaled so that they add up to the amplitude's square."""
+    frequency, nu, root, slope = call.frequency, call.smoothness, call.root, call.slope
+    amplitude, length = call.numbers[SIZE], call.numbers[LENGTH]
+    flat = 2.0 * nu / (length * length)
     total, mean = 0.0, 0.0
-    for j in range(in_time, frequency.shape[0]):
-        flat = 2.0 * nu / (length * length)
+    for j in range(frequency.shape[0]):
         # A harmonic's share is that of its frequency and of its negative; cosine and sine have it both.
         density = math.exp(-(nu + 0.5) * math.log1p(frequency[j] ** 2 / flat)) * (1.0 if frequency[j] == 0.0 else 2.0)
         slope[j] = (2.0 * nu + 1.0) * flat / (flat + frequency[j] ** 2)
@@ -60,7 +48,7 @@ def spectrum(call):
         share = density if frequency[j] == 0.0 else 0.5 * density
         total += share
         mean += share * slope[j]
-    for j in range(in_time, frequency.shape[0]):
+    for j in range(frequency.shape[0]):
         root[j] = amplitude * math.sqrt(root[j] / total)
         slope[j] -= mean / total
     return 0
@@ -68,12 +56,10 @@ def spectrum(call):
 
 @kernel
 def pull_back_spectrum(call):
-    """The derivatives by amplitudes and lengthscales; that by a log variance is (weight^2 - 1 + shrunk) / 2."""
-    in_time, weights, shrunk, slope = call.in_time, call.weights, call.shrunk, call.slope
-    numbers, numbers_bar = call.numbers, call.numbers_bar
+    """The derivatives by amplitude and lengthscale; that by a log variance is (weight^2 - 1 + shrunk) / 2."""
+    weights, shrunk, slope, numbers, numbers_bar = call.weights, call.shrunk, call.slope, call.numbers, call.numbers_bar
     for j in range(call.counted):
         by_log_variance = 0.5 * (weights[j] * weights[j] - 1.0 + shrunk[j])
-        size, length = (SIZE, LENGTH) if j < in_time else (PHASE_SIZE, PHASE_LENGTH)
-        numbers_bar[size] += 2.0 * by_log_variance / numbers[size]
-        numbers_bar[length] += by_log_variance * slope[j] / numbers[length]
+        numbers_bar[SIZE] += 2.0 * by_log_variance / numbers[SIZE]
+        numbers_bar[LENGTH] += by_log_variance * slope[j] / numbers[LENGTH]
     return 0

@@ -79,7 +79,7 @@ def noise(run: RunFiles) -> Finding:
     window, of_window = next((name, own) for name, own in checks.items() if worst in own)
     against = list(filter(matters, of_window))
     tested = listed(list(dict.fromkeys(c.tested for c in against)))
-    assumed, discrepant = assumption(against), any(c.discrepancy for c in against)
+    assumed, discrepant = assumption(against), any(c.discrepant for c in against)
     if plain := assumed == INDEPENDENT.in_full:
         lacking = (
             ", and the likelihood, which is that of the paper, has no term for it. No interval in this report contains "

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from .. import block
 from ..block import Block, section
-from ..run_files import RunFiles, bins, draws
+from ..run_files import RunFiles, draws
 from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, polygons, small_titles, title_below
 from ..tables import Cell, Table, interval
 from ..text import number, percent
-from ..thinning import extremes
-from ..windows import broken, names, shade_eclipse, time_canvas
+from ..windows import names
 from .parameters import contraction
 
 STANDS_IN = -0.9
@@ -38,34 +37,22 @@ Columns = list[NDArray[np.float64]]
 @section("discrepancy", "Discrepancy")
 def panel(run: RunFiles) -> list[Block]:
     """What the simulator lacks, as far as it was modelled."""
-    if not parts(run.windows):
-        return []
     windows = {name: window for name, window in run.windows.items() if "discrepancy_mean" in window}
-    part = parts(windows)
+    if not windows:
+        return []
+    name, window = next(iter(windows.items()))
     blocks = [
         block.text(
             "What the simulator lacks is calibrated with the parameters, as a Gaussian process for each channel. "
-            f"{carries_over(part)} It is added to the simulation in the mean and in the intervals."
+            "It is the same in every orbit, so it carries over to every window as it was learnt. It is added to the "
+            "simulation in the mean and in the intervals."
         ),
         block.table(numbers(run), "Amplitudes and lengthscales are all fixed by the scenario."),
-    ]
-    if part == "phase":
-        name, window = next(iter(windows.items()))
-        caption = (
+        block.figure(
+            figure_discrepancy(window),
             f"Discrepancy over the orbit, from its start as the window “{name}” counts it: mean and interval of the "
-            "posterior. Dots: telemetry minus the simulation alone, which is what the discrepancy has to explain."
-        )
-        blocks.append(block.figure(figure_discrepancy_in_phase(window), caption))
-    else:
-        blocks += [
-            block.figure(
-                figure_discrepancy_in_time(window, bins(run)),
-                f"Discrepancy in the window “{name}”: mean and interval of the posterior. Dots: telemetry minus the "
-                "simulation alone, which is what the discrepancy has to explain.",
-            )
-            for name, window in windows.items()
-        ]
-    blocks += [
+            "posterior. Dots: telemetry minus the simulation alone, which is what the discrepancy has to explain.",
+        ),
         block.text(
             "The interval is that of the discrepancy alone. Each draw's discrepancy makes up for its own simulation, "
             "so their sum, the prediction, is known better than either."
@@ -88,58 +75,33 @@ def panel(run: RunFiles) -> list[Block]:
     ]
 
 
-def parts(windows: Mapping[str, xr.Dataset]) -> str:
-    """`time`, `phase` or `time and phase`: what the discrepancy is made of; nothing where there is none."""
-    found = [str(part) for window in windows.values() if "discrepant" in window for part in window["discrepant"].values]
-    return next((part for part in found if part), "")
-
-
-def carries_over(part: str) -> str:
-    """In words, what of a discrepancy another window has of it."""
-    words = {
-        "phase": (
-            "Its part in orbit phase is the same in every orbit, so it carries over to every window as it was learnt. "
-        ),
-        "time": (
-            "Its part in time belongs to the stretch that it was learnt from: on another window it is continued from "
-            "the nearer edge of that stretch and fades within a few lengthscales to its prior, a mean of zero with the "
-            "width of its amplitude. "
-        ),
-    }
-    return "".join(text for name, text in words.items() if name in part).strip()
-
-
 def numbers(run: RunFiles) -> Table:
-    """Amplitudes and lengthscales, prior and posterior, one row each: K, min and orbits."""
+    """Amplitudes and lengthscales, prior and posterior, one row each: K and orbits."""
     rows = []
     sampled = {info.name for info in run.sampled}
     for info in (i for i in run.parameters if i.kind == "discrepancy"):
-        _, part, what, *channel = info.name.split(".", 3)
-        factor, unit = (1.0 / 60.0, "min") if info.unit == "s" else (1.0, info.unit)
-        low, median, high = (factor * value for value in info.prior_quantiles)
+        _, _, what, *channel = info.name.split(".", 3)
+        low, median, high = info.prior_quantiles
         posterior = "–"
         if info.name in sampled and run.posterior is not None:
-            q = factor * np.quantile(draws(run.posterior, "posterior", [info.name]), [0.025, 0.5, 0.975])
+            q = np.quantile(draws(run.posterior, "posterior", [info.name]), [0.025, 0.5, 0.975])
             posterior = interval(q[1], q[0], q[2])
         rows.append(
-            [{"phase": "orbit phase"}.get(part, part), channel[0] if channel else "all together", f"{what}, {unit}",
-             interval(median, low, high), posterior]
-        )  # fmt: skip
-    return Table(("in", "channel", "quantity", "prior, median [95%]", "posterior, median [95%]"), rows, (3, 4))
+            [channel[0] if channel else "all together", f"{what}, {info.unit}", interval(median, low, high), posterior]
+        )
+    return Table(("channel", "quantity", "prior, median [95%]", "posterior, median [95%]"), rows, (2, 3))
 
 
 def sizes(windows: Mapping[str, xr.Dataset]) -> Table:
     """How large the discrepancy is in each window, by channel."""
     rows = []
     for name, window in windows.items():
-        for channel, part in zip(window["channel"].values, window["discrepant"].values, strict=True):
-            if not part:
-                continue
+        for channel in _discrepant(window):
             own = window.sel(channel=channel)
             mean, width = own["discrepancy_mean"], own["discrepancy_upper"] - own["discrepancy_lower"]
             residual = (own["observed"] - own["mean"].sel({"by": "stochastic"})).where(own["scored"].astype(bool))
             rows.append(
-                [name, str(channel), number(_rms(mean), 3), number(float(np.abs(mean).max()), 3),
+                [name, channel, number(_rms(mean), 3), number(float(np.abs(mean).max()), 3),
                  number(float(width.mean()), 3), number(_rms(residual + mean), 3), number(_rms(residual), 3)]
             )  # fmt: skip
     header = ("window", "channel", "mean's RMS", "largest", "95% band, mean width", "without it", "with it")
@@ -177,7 +139,7 @@ def stand_ins(run: RunFiles) -> dict[str, float]:
     return dict(sorted(((str(n), float(v)) for n, v in pairs if np.isfinite(v)), key=lambda pair: pair[1]))
 
 
-def figure_discrepancy_in_phase(prediction: xr.Dataset) -> go.Figure:
+def figure_discrepancy(prediction: xr.Dataset) -> go.Figure:
     """Discrepancy over the orbit, two channels in a row. prediction: a group of prediction.nc."""
     channels = _discrepant(prediction)
     columns = min(2, len(channels))
@@ -195,24 +157,10 @@ def figure_discrepancy_in_phase(prediction: xr.Dataset) -> go.Figure:
     return figure
 
 
-def figure_discrepancy_in_time(prediction: xr.Dataset, bins: int) -> go.Figure:
-    """Discrepancy in time, one plot for each channel. prediction: a group of prediction.nc."""
-    channels = _discrepant(prediction)
-    figure = time_canvas(channels, [ROW_HEIGHT] * len(channels))
-    for row, channel in enumerate(channels, start=1):
-        found = _columns(prediction, channel)
-        chosen = extremes(found[:3], 3 * bins)
-        x, drawn = broken(prediction, chosen, found)
-        _draw(figure, x, drawn, row, 1)
-        figure.update_yaxes(title_text="discrepancy, K", nticks=5, row=row)
-    shade_eclipse(figure, prediction, len(channels))
-    return figure
-
-
 def _discrepant(prediction: xr.Dataset) -> list[str]:
     """Channels that have a discrepancy."""
-    parts = prediction["discrepant"].values
-    return [name for name, part in zip(names(prediction, "channel"), parts, strict=True) if part]
+    found = prediction["discrepant"].values
+    return [name for name, discrepant in zip(names(prediction, "channel"), found, strict=True) if discrepant]
 
 
 def _columns(prediction: xr.Dataset, channel: str) -> Columns:

@@ -94,11 +94,11 @@ def _contradiction(window: str, of_window: Sequence[ResidualCheck]) -> str:
 def assumption(of_window: Sequence[ResidualCheck]) -> str:
     """What is assumed of a window's residuals, in words."""
     noise = listed([called(name).in_full for name in noises(of_window)])
-    discrepant = [c for c in of_window if c.discrepancy]
+    discrepant = [c for c in of_window if c.discrepant]
     if not discrepant:
         return noise
     of = "" if len(discrepant) == len(of_window) else f" of {channels(discrepant, of_window)}"
-    return f"{noise} beside a discrepancy{of} in {discrepant[0].discrepancy.replace('phase', 'orbit phase')}"
+    return f"{noise} beside a discrepancy{of} in orbit phase"
 
 
 def noises(of_window: Sequence[ResidualCheck]) -> list[str]:
@@ -137,13 +137,13 @@ def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
     for window, of_window in checks.items():
         for c in of_window:
             p = chance(c.p_value)
-            white = "iid" if c.noise == INDEPENDENT.words and not c.discrepancy else "white"
+            white = "iid" if c.noise == INDEPENDENT.words and not c.discrepant else "white"
             verdict = {
                 "white": Cell(f"✓ {white}", "good"), "slight": Cell(f"✓ nearly {white}", "good"),
                 "contradicted": Cell(f"✕ not {white}", "bad"), "expected": "– not white,\nas expected",
                 "unknown": "– unknown",
             }[c.verdict]  # fmt: skip
-            assumed = f"{c.noise},\ndiscrepancy in {c.discrepancy}" if c.discrepancy else c.noise
+            assumed = f"{c.noise},\ndiscrepancy" if c.discrepant else c.noise
             innovations = c.tested == "innovations"
             ar1 = "" if innovations else f"\nif AR(1): {number(c.factor_ar1, 3)}"
             of_residuals = f"\nof residuals {number(c.residual_lag1, 3)}" if innovations else ""

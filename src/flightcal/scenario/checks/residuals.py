@@ -94,15 +94,11 @@ def _check_discrepancy(blocks: Blocks) -> Iterator[Problem]:
     temperatures = [name for name, item in blocks.observations.items() if item is None or item.heater is None]
     for k, name in enumerate(discrepancy.channels):
         yield from known("observed temperature channel", name, temperatures, ("discrepancy", "channels", k))
-    for part in ("time", "phase"):
-        block = getattr(discrepancy, part)
-        if block is None:
-            continue
-        yield from _check_positive(block.amplitude, ("discrepancy", part, "amplitude"))
-        length = block.lengthscale
-        if length is not None and not isinstance(length, float):
-            lower, upper = support(length)
-            if not (lower > 0.0 and math.isfinite(upper)):
-                message = f"found a {length.kind} prior from {lower:g} to {upper:g}, expected two bounds above zero"
-                wanted = "uniform, truncated_normal or beta, or the discrepancy becomes noise or takes up parameters"
-                yield Problem(("discrepancy", part, "lengthscale"), f"{message}: {wanted}")
+    yield from _check_positive(discrepancy.phase.amplitude, ("discrepancy", "phase", "amplitude"))
+    length = discrepancy.phase.lengthscale
+    if not isinstance(length, float):
+        lower, upper = support(length)
+        if not (lower > 0.0 and math.isfinite(upper)):
+            message = f"found a {length.kind} prior from {lower:g} to {upper:g}, expected two bounds above zero"
+            wanted = "uniform, truncated_normal or beta, or the discrepancy becomes noise or takes up parameters"
+            yield Problem(("discrepancy", "phase", "lengthscale"), f"{message}: {wanted}")
