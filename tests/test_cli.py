@@ -135,10 +135,14 @@ def test_a_failed_gate_has_its_own_exit_code_and_the_report_can_be_written_again
     assert (tmp_path / "again.html").stat().st_size > 100_000
 
 
-def test_a_report_of_something_that_is_no_run_is_a_message(tmp_path):
+@pytest.mark.parametrize("beside", [(), ("scenario.yaml", "telemetry.csv")])
+def test_a_report_of_something_that_is_no_run_is_a_message(tmp_path, beside):
+    for name in beside:
+        (tmp_path / name).touch()
     result = run(app, ["report", str(tmp_path)])
     assert result.exit_code == USER_ERROR
     assert str(tmp_path) in result.output
+    assert not (tmp_path / "report.html").exists()
 
 
 def test_ctrl_c_outside_of_the_sampling_is_a_message(tmp_path, monkeypatch):

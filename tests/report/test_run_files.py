@@ -26,7 +26,7 @@ def test_files_that_are_not_there_are_named(own_run):
 def test_a_directory_that_is_no_run_is_refused(tmp_path):
     with pytest.raises(RunError, match="no such directory"):
         read_run(tmp_path / "none")
-    with pytest.raises(RunError, match="expected a run directory"):
+    with pytest.raises(RunError, match="found no run"):
         read_run(tmp_path)
 
 

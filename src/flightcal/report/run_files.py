@@ -169,8 +169,9 @@ def read_run(folder: Path) -> RunFiles:
     if not folder.is_dir():
         raise RunError(f"{folder}: no such directory; expected the directory that `flightcal calibrate` wrote")
     missing = tuple(name for name in STAGES if not (folder / name).is_file())
-    if len(missing) == len(STAGES):
-        raise RunError(f"{folder}: none of {', '.join(STAGES)} is there; expected a run directory")
+    # A scenario lies in other folders, too.
+    if not {*STAGES} - {*missing, "scenario.yaml"}:
+        raise RunError(f"{folder}: found no run, expected the directory that `flightcal calibrate` wrote")
     check_whole(folder)
 
     def kept(name: str, read: Callable[[Path], K]) -> K | None:
