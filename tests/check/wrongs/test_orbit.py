@@ -93,6 +93,27 @@ def test_attitudes_that_are_exchanged_are_named(tmp_path):
     assert named(scenario, data)[0].title == "Attitudes 'one' and 'other' are exchanged"
 
 
+def test_one_attitude_that_is_another_is_named_with_its_time(tmp_path):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["attitude"]["timeline"][1]["attitude"] = "third"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title == "The attitude from 2024-03-01T01:10:00 on is 'other', not 'third'"
+
+
+def test_one_change_of_attitude_that_is_late_is_named_with_the_minutes(tmp_path):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["attitude"]["timeline"][1]["at"] = "2024-03-01T01:27:00"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title.startswith("The change of attitude to 'other' at 2024-03-01T01:27:00 is ")
+    assert float(first.title.split()[-3]) == pytest.approx(17.0, abs=2.0)
+
+
 @pytest.mark.parametrize("elements", ["of a circle", "two lines"])
 def test_another_place_in_the_orbit_is_told_where_attitudes_come_at_times_of_their_own(tmp_path, elements):
     written = boxed()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from datetime import timedelta
+from datetime import datetime, timedelta
 from functools import partial
 from itertools import combinations, product
 from typing import Any
@@ -61,6 +61,8 @@ _OF_LINE_2 = {
 """Columns of two-line elements, in which a number stands."""
 _LATE = tuple(sign * 60.0 * m for m in (5, 10, 15, 20, 30, 40, 50, 60, 90, 120, 300, 1440) for sign in (-1.0, 1.0))
 """s, by which a timeline of attitudes may be late or early: minutes, hours of another zone, a day."""
+_CHANGE_LATE = tuple(sign * 60.0 * m for m in (5, 10, 20, 40) for sign in (-1.0, 1.0))
+"""s, by which one change of attitude may be."""
 _DAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 """By which an epoch is off."""
 _DAY_OF_YEAR = slice(20, 32)
@@ -193,6 +195,57 @@ def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchang
             f"Exchange '{one}' and '{other}' in 'environment: attitude'",
         )
         yield from driven_otherwise("attitude", f"{one} {other}", words, view, tries=len(pairs), scenario=scenario)
+
+
+def pointings(view: View) -> Iterator[Wrong]:
+    """One attitude of those that follow each other is another one that has a name, or one change is late or early."""
+    attitude = view.window.scenario.environment.attitude
+    if not isinstance(attitude, AttitudeTimeline) or not view.window.scenario.network.faces:
+        return
+    timeline, names = attitude.timeline, dict.fromkeys([*attitude.named, *(own.attitude for own in attitude.timeline)])
+    begin, end = (own.astype("datetime64[us]").item() for own in view.utc(view.network.drive.times[[0, -1]]))
+    inside = [
+        k for k, own in enumerate(timeline) if own.at < end and (k + 1 == len(timeline) or timeline[k + 1].at > begin)
+    ]
+    tries = len(inside) * (len(names) - 1 + len(_CHANGE_LATE))
+    for k, name in product(inside, names):
+        own = timeline[k]
+        if name == own.attitude:
+            continue
+        words = Words(
+            f"The attitude from {_at(own.at)} on is '{name}', not '{own.attitude}'",
+            f"With '{name}' until the next change, the model explains the telemetry.",
+            "Check that change in 'environment: attitude' against what was flown",
+        )
+        changes = (*timeline[:k], own.model_copy(update={"attitude": name}), *timeline[k + 1 :])
+        scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
+        yield from driven_otherwise("attitude", f"from {k}", words, view, tries=tries, scenario=scenario)
+    for k in inside:
+        yield from _change_moved(view, attitude, k, tries, _CHANGE_LATE)
+
+
+def _change_moved(
+    view: View, attitude: AttitudeTimeline, k: int, tries: float, seconds: Sequence[float] | FloatArray
+) -> Iterator[Wrong]:
+    timeline, own = attitude.timeline, attitude.timeline[k]
+    for late in map(float, seconds):
+        at = own.at + timedelta(seconds=late)
+        after = timeline[k + 1].at if k + 1 < len(timeline) else datetime.max
+        if k == 0 or not timeline[k - 1].at < at < after:
+            continue
+        words = Words(
+            f"The change of attitude to '{own.attitude}' at {_at(own.at)} is {off(-late)}",
+            f"{minutes(late)} {'later' if late > 0 else 'earlier'}, it explains the telemetry.",
+            "Check that change in 'environment: attitude' against what was flown",
+        )
+        changes = (*timeline[:k], own.model_copy(update={"at": at}), *timeline[k + 1 :])
+        scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
+        near = partial(_change_moved, view, attitude, k, tries, closer(late, 0.3 * abs(late)))
+        yield from driven_otherwise("attitude", f"change {k}", words, view, tries=tries, closer=near, scenario=scenario)
+
+
+def _at(time: datetime) -> str:
+    return str(np.datetime_as_string(np.datetime64(time), unit="s"))
 
 
 def _elsewhere(view: View, **changes: Any) -> Scenario:
@@ -388,5 +441,5 @@ def eclipses(view: View) -> Iterator[Wrong]:
     yield from driven_otherwise("eclipse", flag, words, view, tries=1.0, scenario=scenario)
 
 
-WRONGS = (attitudes, quaternions, timelines, spins, orbits, epochs, places, eclipses)
+WRONGS = (attitudes, quaternions, timelines, pointings, spins, orbits, epochs, places, eclipses)
 """What looks for them."""
