@@ -68,6 +68,17 @@ def test_a_stuck_sensor_is_told_by_what_the_model_does_meanwhile():
     assert found(values, np.full(200, 290.0)) is None
 
 
+def test_a_stuck_sensor_is_told_by_where_it_goes_on():
+    values = telemetry()
+    values[20:32] = values[20]
+    assert found(values, np.full(200, np.nan)) is None
+    values[32:] += 6.0
+    own = found(values, np.full(200, np.nan))
+    assert own.kind == "stuck"
+    assert "in 12 samples" in own.sentence
+    assert own.useless.sum() >= 11
+
+
 def test_a_sensor_that_is_stuck_throughout_is_told():
     assert found(np.full(200, 290.0)).sentence.count("throughout") == 1
 

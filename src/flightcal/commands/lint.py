@@ -68,6 +68,8 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
 
 def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str]:
     """What is not wrong, and had better be otherwise; rows: of all windows to train on."""
+    import numpy as np
+
     from ..scenario import noise_of
     from ..telemetry import ENOUGH, LONG, MANY, dense_channels, quantisation_step
 
@@ -82,6 +84,10 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
             "minutes, and calibration takes a fraction of the time and memory"
         )
     for channel, item in scenario.observations.items():
+        on = data[channel].values[np.isfinite(data[channel].values)]
+        if item.heater is not None and len(on) and (on == on[0]).all():
+            state = "on" if on[0] > 0.5 else "off"
+            yield f"observations.{channel}: it is {state} in all {len(on)} samples; check what tells that it is {state}"
         step = None if item.heater is not None else quantisation_step(data[channel].values)
         if step is None:
             continue

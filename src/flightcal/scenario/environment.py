@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from datetime import datetime
 from typing import Annotated, Any, Literal, cast, get_args
@@ -84,6 +85,9 @@ class CircularOrbit(Block):
 
     @model_validator(mode="after")
     def _one_node(self) -> CircularOrbit:
+        if self.beta_angle is not None and abs(self.beta_angle) > 0.5 * math.pi:
+            message = f"found {math.degrees(self.beta_angle):g} deg, expected -90 to 90 deg"
+            raise refusal(Problem(("beta_angle",), message))
         wanted = "exactly one of 'ltan' (local time), 'raan' (right ascension) and 'beta_angle'"
         return exactly_one(self, ("ltan", "raan", "beta_angle"), wanted)
 

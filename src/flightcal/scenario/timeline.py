@@ -65,7 +65,10 @@ def with_attitudes(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any
     attitude = written.get("attitude")
     if not isinstance(attitude, dict):
         return written, []
-    here, names = ("environment", "attitude", "timeline_file"), [*_names(attitude, "named"), *get_args(NamedAttitude)]
+    here, names = (
+        ("environment", "attitude", "timeline_file"),
+        list(dict.fromkeys([*_names(attitude, "named"), *get_args(NamedAttitude)])),
+    )
     filled, found = _filled(attitude, folder, here, "attitude", names, f"one of {', '.join(names)}")
     return {**written, "attitude": filled}, found
 

@@ -63,6 +63,8 @@ _LATE = tuple(sign * 60.0 * m for m in (5, 10, 15, 20, 30, 40, 50, 60, 90, 120, 
 """s, by which a timeline of attitudes may be late or early: minutes, hours of another zone, a day."""
 _CHANGE_LATE = tuple(sign * 60.0 * m for m in (5, 10, 20, 40) for sign in (-1.0, 1.0))
 """s, by which one change of attitude may be."""
+_BOUNDS = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}
+"""rad, of angles that do not go round."""
 _DAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 """By which an epoch is off."""
 _DAY_OF_YEAR = slice(20, 32)
@@ -346,7 +348,9 @@ def _changed(orbit: _Orbit, name: str, step: float) -> tuple[Any, str]:
         lowest = orbit.semi_major_axis * (1.0 - shape) - _GROUND
         return (shape if shape >= 0.0 and lowest > _LOWEST else None), f"{shape:.2f}"
     angle = float(getattr(orbit, name)) + step
-    bounds = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}.get(name, (-np.inf, np.inf))
+    bounds = _BOUNDS.get(name, (-np.inf, np.inf))
+    if name not in _BOUNDS:
+        angle %= 2.0 * np.pi
     return (angle if bounds[0] < angle < bounds[1] else None), f"{np.rad2deg(angle):.1f} deg"
 
 
