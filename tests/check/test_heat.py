@@ -113,7 +113,7 @@ def test_a_finding_says_what_heat_takes_and_what_would_tell(heated):
     words = heat_findings(found)
     (surface,) = [own for own in words if "absorptivity" in own.title]
     assert surface.state == "warn"
-    assert "another attitude would tell" in surface.text
+    assert "Other eclipses or attitudes than those in the training windows would tell" in surface.text
     own = by_name["absorptivity"]
     (line,) = surface.details
     assert line == (

@@ -311,3 +311,14 @@ def test_a_scenario_that_is_there_is_not_overwritten(tmp_path: Path):
     result = run(app, ["init", str(tmp_path), str(tmp_path / "data.csv")])
     assert result.exit_code == USER_ERROR
     assert (tmp_path / "scenario.yaml").read_text() == "mine"
+
+
+def test_the_example_of_a_load_from_a_power_is_a_share_of_it(tmp_path: Path):
+    table = frame(300).rename(columns={"I_SA": "P_BUS [mW]"})
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    file = tmp_path / "sat" / "scenario.yaml"
+    written = file.read_text(encoding="utf-8")
+    assert "coefficient: 0.2 mW/mW}" in written
+    file.write_text(written.replace("  # loads:", "  loads:"), encoding="utf-8")
+    lint(tmp_path / "sat")

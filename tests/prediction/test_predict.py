@@ -143,12 +143,12 @@ def test_another_seed_draws_other_noise(case):
 
 def test_another_window_draws_other_noise(tmp_path):
     written = small.content()
-    written["windows"]["train.again"] = written["windows"].pop("test")
+    written["windows"]["train"] = {"first": written["windows"]["train"], "again": written["windows"]["test"]}
     written["windows"]["test"] = {"start": "2024-03-01T06:35:00", "end": "2024-03-01T06:55:00"}
     scenario, data = small.closed_loop(tmp_path, written)
     draws = np.tile(build_problem(scenario, data).priors.median(), (5, 1))
     noise = []
-    for window in ("train", "train.again"):
+    for window in ("train.first", "train.again"):
         own = predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].sel({"by": STOCHASTIC})
         noise.append((own["lower"] - own["mean"]).values)
     assert noise[0].shape == noise[1].shape

@@ -33,10 +33,10 @@ _LARGE = 0.25
 _IDLE = 0.01
 """Total index below which an output does not depend on a parameter."""
 _TELLS: dict[Kind, str] = {
-    "surface": "an eclipse or another attitude",
-    "power": "another mode or a change of the power",
-    "path": "a heater pulse",
-    "other": "a change of sunlight, modes or heaters",
+    "surface": "eclipses or attitudes",
+    "power": "modes or powers",
+    "path": "heater pulses",
+    "other": "changes of sunlight, modes or heaters",
 }
 """What would tell a parameter from heat that the model lacks."""
 
@@ -329,7 +329,7 @@ def heat_findings(heat: BesideHeat | None) -> list[Finding]:
             details = tuple(imitated_words(own) for own in alike)
             text = (
                 "This is so where heat has its prior's size; where the telemetry shows less, intervals are narrower. "
-                f"In the training windows, {advice} would tell."
+                f"Other {advice} than those in the training windows would tell."
             )
             found.append(Finding("warn", title, text, details))
     if heat.pairs:

@@ -261,6 +261,8 @@ def _read(block: str) -> xarray.Dataset:
 
 def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundModes | None) -> str:
     """The other blocks: a node for each temperature, a heater for each status."""
+    from ..scenario import kind_of
+
     nodes = [channel.name for channel in channels if channel.kind == "temperature"]
     heaters = [channel.name for channel in channels if channel.kind == "status"]
     links = [f"    - {{between: [{a}, {b}], conductance: 0.5 W/K}}" for a, b in pairwise(nodes)]
@@ -295,10 +297,13 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
         lines += [f"  timeline_file: {_TIMELINE}", ""]
     if any(channel.kind == "driver" for channel in channels):
         driver = next(channel for channel in channels if channel.kind == "driver")
+        # Of a power the coefficient is a share.
+        power = driver.unit is not None and kind_of(driver.unit) == "a power"
         per = "" if driver.unit in (None, "1") else f"/{driver.unit}"
+        coefficient = f"0.2 {driver.unit}{per}" if power else f"1 W{per}"
         lines += [
             "  # A driver heats a node by its value times a coefficient, such as",
-            f"  # loads: {{sun: {{node: {nodes[0]}, driver: {driver.name}, coefficient: 1 W{per}}}}}",
+            f"  # loads: {{sun: {{node: {nodes[0]}, driver: {driver.name}, coefficient: {coefficient}}}}}",
             "",
         ]
     lines += ["# Uncertain numbers, each with what is believed of it.", "parameters:"]
