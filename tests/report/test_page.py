@@ -210,7 +210,7 @@ def test_a_run_without_a_file_is_reported_and_the_file_named(slim_run, missing):
     assert sections(page) == SECTIONS
 
 
-@pytest.mark.parametrize("kept", ["genetic.nc", "posterior.nc", "prediction.nc", "scenario.yaml"])
+@pytest.mark.parametrize("kept", ["genetic.nc", "posterior.nc", "prediction.nc"])
 def test_a_run_with_one_file_alone_is_reported(slim_run, kept):
     for name in STAGES:
         if name != kept:

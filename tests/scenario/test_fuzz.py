@@ -22,7 +22,6 @@ JARGON = re.compile(r"Input should|Value error|[Pp]ydantic|validat|something els
 
 fuzz = settings(
     max_examples=60,
-    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 words = st.sampled_from(

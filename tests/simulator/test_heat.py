@@ -267,7 +267,7 @@ def moments(times, values, begin, end):
     return totals
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(pieces())
 def test_a_steps_line_keeps_the_integral_and_the_first_moment(given_pieces):
     times, values, grid = given_pieces

@@ -84,7 +84,7 @@ def test_a_channel_with_a_slower_sampling_of_its_own_is_averaged_by_that(tmp_pat
     np.testing.assert_allclose(dataset["battery"], table["TT_BAT"].dropna() + 273.15)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     lost=st.sets(st.integers(0, 59)),
     marked=st.sets(st.integers(0, 59)),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from flightcal.telemetry.clean import find_gaps, order_rows, sampling_interval
@@ -12,7 +12,6 @@ from flightcal.telemetry.clean import find_gaps, order_rows, sampling_interval
 from .files import frame, read
 
 
-@settings(deadline=None)
 @given(rows=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 2)), min_size=1, max_size=30))
 def test_each_time_keeps_its_first_row(rows: list[tuple[int, int]]):
     times, content = (np.array(column) for column in zip(*rows, strict=True))

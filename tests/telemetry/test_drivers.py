@@ -131,7 +131,7 @@ def test_a_status_is_unknown_in_a_long_gap(tmp_path: Path):
     )
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     status=st.lists(st.integers(0, 1), min_size=3, max_size=20),
     cuts=st.lists(st.floats(1.0, 1000.0), min_size=2, max_size=12, unique=True),

@@ -135,7 +135,7 @@ def test_without_its_extra_a_workbook_says_what_to_install(tmp_path: Path, monke
     assert "openpyxl" in sys.modules
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     damage=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.binary(min_size=1, max_size=3)), max_size=4),
     cut=st.floats(0, 1),

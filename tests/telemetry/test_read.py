@@ -18,7 +18,7 @@ from flightcal.telemetry import read_telemetry
 
 from .files import CHANNELS, frame, read, seconds, specification
 
-MANY = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+MANY = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def test_channels_are_in_si_on_utc_time(tmp_path: Path):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from flightcal.telemetry.stale import repeats, row_content
@@ -137,7 +137,6 @@ def test_a_channel_that_is_missing_in_a_frozen_row_is_missing_and_not_stale(tmp_
     np.testing.assert_array_equal(flags[11:31], np.tile([1, STALE, STALE], (20, 1)))
 
 
-@settings(deadline=None)
 @given(
     values=st.lists(st.tuples(st.integers(-5, 5), st.sampled_from(["a", "b", None])), min_size=2, max_size=20),
     column=st.sampled_from(["number", "word"]),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
@@ -169,7 +169,6 @@ def test_what_is_no_time_is_an_error_at_its_line(tmp_path: Path, written: str, c
         )
 
 
-@settings(deadline=None)
 @given(instants=st.lists(INSTANTS, min_size=2, max_size=20, unique=True))
 @pytest.mark.parametrize("written", ["iso8601", "unix", "year-doy"])
 def test_times_survive_the_way_through_every_format(tmp_path_factory, written: str, instants: list[np.datetime64]):
