@@ -219,8 +219,7 @@ def pointings(view: View) -> Iterator[Wrong]:
             f"With '{name}' until the next change, the model explains the telemetry.",
             "Check that change in 'environment: attitude' against what was flown",
         )
-        changes = (*timeline[:k], own.model_copy(update={"attitude": name}), *timeline[k + 1 :])
-        scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
+        scenario = _with_change(view, attitude, k, {"attitude": name})
         yield from driven_otherwise("attitude", f"from {k}", words, view, tries=tries, scenario=scenario)
     for k in inside:
         yield from _change_moved(view, attitude, k, tries, _CHANGE_LATE)
@@ -240,10 +239,16 @@ def _change_moved(
             f"{minutes(late)} {'later' if late > 0 else 'earlier'}, it explains the telemetry.",
             "Check that change in 'environment: attitude' against what was flown",
         )
-        changes = (*timeline[:k], own.model_copy(update={"at": at}), *timeline[k + 1 :])
-        scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
+        scenario = _with_change(view, attitude, k, {"at": at})
         near = partial(_change_moved, view, attitude, k, tries, closer(late, 0.3 * abs(late)))
         yield from driven_otherwise("attitude", f"change {k}", words, view, tries=tries, closer=near, scenario=scenario)
+
+
+def _with_change(view: View, attitude: AttitudeTimeline, k: int, update: dict[str, Any]) -> Scenario:
+    """The scenario of a view with another change of attitude."""
+    timeline = attitude.timeline
+    changes = (*timeline[:k], timeline[k].model_copy(update=update), *timeline[k + 1 :])
+    return _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
 
 
 def _at(time: datetime) -> str:
