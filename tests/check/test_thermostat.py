@@ -60,12 +60,17 @@ def test_gain_and_bias_are_no_warmth(tmp_path):
     assert inferred(scenario, data, "heater") is None
 
 
-def test_two_thermostats_with_one_status_are_told(tmp_path):
+def with_a_second_heater(**thresholds):
     written = small.content()
-    own = {"node": "panel", "power": "1 W", "sensor": "panel", "on_below": "-60 degC", "off_above": "-50 degC"}
-    written["simulator"]["heaters"]["second"] = {**own, "measured_by": "second_status"}
+    own = {"node": "panel", "power": "1 W", "sensor": "panel", "measured_by": "second_status"}
+    written["simulator"]["heaters"]["second"] = own | thresholds
     written["telemetry"]["channels"]["second_status"] = {"column": "heater", "kind": "status"}
     written["observations"]["second_status"] = {"heater": "second"}
+    return written
+
+
+def test_two_thermostats_with_one_status_are_told(tmp_path):
+    written = with_a_second_heater(on_below="-60 degC", off_above="-50 degC")
     _, data = small.closed_loop(tmp_path)
     scenario, _ = small.load(tmp_path, written)
 
@@ -87,11 +92,7 @@ def cycled(samples, period, low, high):
 
 
 def test_two_thermostats_whose_thresholds_are_exchanged_are_told(tmp_path):
-    written = small.content()
-    own = {"node": "panel", "power": "12 W", "sensor": "panel", "on_below": "8 degC", "off_above": "11 degC"}
-    written["simulator"]["heaters"]["second"] = {**own, "measured_by": "second_status"}
-    written["telemetry"]["channels"]["second_status"] = {"column": "heater", "kind": "status"}
-    written["observations"]["second_status"] = {"heater": "second"}
+    written = with_a_second_heater(on_below="8 degC", off_above="11 degC")
     scenario, data = small.load(tmp_path, written)
     names = ("body_temp", "heater_status"), ("panel_temp", "second_status")
     for own, values in zip(names, (cycled(421, 20, 10.0, 13.0), cycled(421, 26, 8.0, 11.0)), strict=True):

@@ -15,7 +15,7 @@ from .samples import noise_of, step_of
 
 _STUCK = 30
 """Equal samples that no sensor shows where the model moves."""
-_RELEASED, _JUMPS, _RATHER = 8, 3.0, np.array([2.0, 10.0])
+_RELEASED, _JUMPS, _THAN_ANY, _THAN_USUAL = 8, 3.0, 2.0, 10.0
 """Equal samples that are too many where the next one, without a gap, is so many K away, and so many times as far as any
 other and as is usual."""
 _MOVES = 1.0
@@ -173,18 +173,18 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
     lengths = np.diff(np.append(starts, len(own)))
     longest = int(np.argmax(lengths))
     first, last = starts[longest], starts[longest] + lengths[longest] - 1
-    others, steps = np.delete(lengths, longest), np.abs(own[starts[1:]] - own[starts[1:] - 1])
+    others, steps = np.delete(lengths, longest), np.sort(np.abs(own[starts[1:]] - own[starts[1:] - 1]))
     known = modelled[first : last + 1][np.isfinite(modelled[first : last + 1])]
     moves = float(np.ptp(known)) if len(known) else 0.0
     follows = last + 1 < len(own) and times[last + 1] - times[last] <= _GAP * np.median(np.diff(times))
     jump = abs(float(own[last + 1] - own[last])) if follows else 0.0
-    least = max(_MOVES, 4.0 * float(steps.min())) if len(steps) else _MOVES
+    least = max(_MOVES, 4.0 * float(steps[0])) if len(steps) else _MOVES
     if lengths[longest] >= max(_STUCK, 4 * int(others.max(initial=0))) and moves >= least:
         words = f"meanwhile the model moves by {number(moves, 2)} K"
     elif (
         len(steps) > 2
         and lengths[longest] >= _RELEASED
-        and jump >= max(_JUMPS, *(_RATHER * np.sort(steps)[[-2, len(steps) // 2]]))
+        and jump >= max(_JUMPS, _THAN_ANY * steps[-2], _THAN_USUAL * steps[len(steps) // 2])
     ):
         words = f"then it jumps by {number(jump, 2)} K"
     else:

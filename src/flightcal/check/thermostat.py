@@ -54,8 +54,7 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
     Each with words, and whether its status never changes.
     """
     for name, place, channel in known_thermostats(window):
-        heater, observation = window.scenario.network.switches[name], window.scenario.observations[channel]
-        read = window.observed[:, window.simulator.channels.index(channel)] - observation.bias
+        heater, read = window.scenario.network.switches[name], _readings(window, channel)
         on, margin = _between(window.times, window.status[:, place]), _BEYOND + _NOISES * noise_of(read)
         known = np.isfinite(read) & np.isfinite(on)
         for state, beyond, limit, word in (
@@ -106,14 +105,19 @@ def exchanged(window: Window) -> Iterator[tuple[str, Words]]:
         yield f"{a} {b}", words
 
 
+def _readings(window: Window, channel: str) -> FloatArray:
+    """[T] K, of a thermostat's sensor less its bias."""
+    bias = window.scenario.observations[channel].bias
+    return np.asarray(window.observed[:, window.simulator.channels.index(channel)] - bias)
+
+
 def _off(window: Window, own: tuple[str, int, str], of: str) -> float:
     """K by which a thermostat's sensor is off the thresholds of the heater `of` in the mean of its switches.
 
     own: see `known_thermostats`. NaN: there are too few switches.
     """
     _, place, channel = own
-    heater, observation = window.scenario.network.switches[of], window.scenario.observations[channel]
-    read = window.observed[:, window.simulator.channels.index(channel)] - observation.bias
+    heater, read = window.scenario.network.switches[of], _readings(window, channel)
     off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
     return abs(float(off.mean())) if len(off) >= _SWITCHES // 2 else np.nan
 

@@ -26,9 +26,9 @@ _CANDIDATES: Final = 100
 _PARTS: Final = 24
 """Of an orbit, by which a prediction is made shorter."""
 _HORIZONS: Final = 4.0
+"""Training lengths that are predicted by default."""
 _LONGEST: Final = 1e9
 """s, of what a user may ask for: some thirty years."""
-"""Training lengths that are predicted by default."""
 
 Times = NDArray[np.datetime64]
 

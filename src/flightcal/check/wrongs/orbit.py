@@ -26,7 +26,7 @@ from ...scenario import (
 )
 from ...simulator import FloatArray
 from ..view import View
-from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off
+from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off, span_of
 
 _ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (1, 2, 3, 0))
 """Where the real part and the other three stand in a quaternion as written: in their order; the real part last; first
@@ -172,7 +172,7 @@ def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchang
         return
     for late in map(float, seconds):
         changes = tuple(own.model_copy(update={"at": own.at + timedelta(seconds=late)}) for own in attitude.timeline)
-        scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
+        scenario = _with_timeline(view, attitude, changes)
         words = Words(
             f"The timeline of attitudes is {off(-late)}",
             f"With each change of attitude {minutes(late)} {'later' if late > 0 else 'earlier'}, sunlight and Earth's "
@@ -189,7 +189,7 @@ def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchang
         changes = tuple(
             own.model_copy(update={"attitude": turned.get(own.attitude, own.attitude)}) for own in attitude.timeline
         )
-        scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
+        scenario = _with_timeline(view, attitude, changes)
         words = Words(
             f"Attitudes '{one}' and '{other}' are exchanged",
             f"With '{one}' where the timeline says '{other}', and '{other}' where it says '{one}', the model explains "
@@ -205,7 +205,7 @@ def pointings(view: View) -> Iterator[Wrong]:
     if not isinstance(attitude, AttitudeTimeline) or not view.window.scenario.network.faces:
         return
     timeline, names = attitude.timeline, dict.fromkeys([*attitude.named, *(own.attitude for own in attitude.timeline)])
-    begin, end = (own.astype("datetime64[us]").item() for own in view.utc(view.network.drive.times[[0, -1]]))
+    begin, end = span_of(view)
     inside = [
         k for k, own in enumerate(timeline) if own.at < end and (k + 1 == len(timeline) or timeline[k + 1].at > begin)
     ]
@@ -215,7 +215,7 @@ def pointings(view: View) -> Iterator[Wrong]:
         if name == own.attitude:
             continue
         words = Words(
-            f"The attitude from {_at(own.at)} on is '{name}', not '{own.attitude}'",
+            f"The attitude from {own.at.isoformat(timespec='seconds')} on is '{name}', not '{own.attitude}'",
             f"With '{name}' until the next change, the model explains the telemetry.",
             "Check that change in 'environment: attitude' against what was flown",
         )
@@ -235,7 +235,7 @@ def _change_moved(
         if k == 0 or not timeline[k - 1].at < at < after:
             continue
         words = Words(
-            f"The change of attitude to '{own.attitude}' at {_at(own.at)} is {off(-late)}",
+            f"The change of attitude to '{own.attitude}' at {own.at.isoformat(timespec='seconds')} is {off(-late)}",
             f"{minutes(late)} {'later' if late > 0 else 'earlier'}, it explains the telemetry.",
             "Check that change in 'environment: attitude' against what was flown",
         )
@@ -247,12 +247,12 @@ def _change_moved(
 def _with_change(view: View, attitude: AttitudeTimeline, k: int, update: dict[str, Any]) -> Scenario:
     """The scenario of a view with another change of attitude."""
     timeline = attitude.timeline
-    changes = (*timeline[:k], timeline[k].model_copy(update=update), *timeline[k + 1 :])
+    return _with_timeline(view, attitude, (*timeline[:k], timeline[k].model_copy(update=update), *timeline[k + 1 :]))
+
+
+def _with_timeline(view: View, attitude: AttitudeTimeline, changes: tuple[Any, ...]) -> Scenario:
+    """The scenario of a view with other changes of attitude."""
     return _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
-
-
-def _at(time: datetime) -> str:
-    return str(np.datetime_as_string(np.datetime64(time), unit="s"))
 
 
 def _elsewhere(view: View, **changes: Any) -> Scenario:

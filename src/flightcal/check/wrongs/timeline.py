@@ -7,12 +7,10 @@ from datetime import datetime, timedelta
 from functools import partial
 from itertools import pairwise
 
-import numpy as np
-
 from ...scenario import ModeChange
 from ...simulator import FloatArray
 from ..view import View
-from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off
+from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off, span_of
 
 _LATE = tuple(sign * 60.0 * m for m in (4, 8, 12, 16, 20, 25, 30, 40, 50, 60, 90, 120) for sign in (-1.0, 1.0))
 """s, by which a stretch may be late or early."""
@@ -21,7 +19,7 @@ _LATE = tuple(sign * 60.0 * m for m in (4, 8, 12, 16, 20, 25, 30, 40, 50, 60, 90
 def stretches(view: View) -> Iterator[Wrong]:
     """One mode is at another time than the timeline says, or never."""
     timeline = view.window.scenario.network.timeline
-    begin, end = (own.astype("datetime64[us]").item() for own in view.utc(view.network.drive.times[[0, -1]]))
+    begin, end = span_of(view)
     usual = _usual(timeline)
     # Between two of the same mode, so that its time may be another and nothing else is.
     inside = [
@@ -79,8 +77,7 @@ def _moved(view: View, k: int, tries: int, seconds: Sequence[float] | FloatArray
 
 def _named(view: View, k: int) -> str:
     change = view.window.scenario.network.timeline[k]
-    at = np.datetime_as_string(np.datetime64(change.at), unit="s")
-    return f"'{change.mode}' of {at} in the timeline"
+    return f"'{change.mode}' of {change.at.isoformat(timespec='seconds')} in the timeline"
 
 
 WRONGS = (stretches,)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Any, Literal
 
 import numpy as np
@@ -225,6 +226,12 @@ def status_channels(view: View) -> dict[str, str]:
     known = {name: heater.measured_by or "" for name, heater in heaters.items()}
     measured = {name: c for name, c in known.items() if c and not c.startswith(INFERRED)}
     return {name: c for name, c in measured.items() if np.isfinite(view.telemetry[c].to_numpy()).any()}
+
+
+def span_of(view: View) -> tuple[datetime, datetime]:
+    """When the view's window begins and ends, UTC."""
+    begin, end = (own.astype("datetime64[us]").item() for own in view.utc(view.network.drive.times[[0, -1]]))
+    return begin, end
 
 
 def minutes(seconds: float) -> str:
