@@ -60,7 +60,7 @@ def reduce_to_folder(path: Path, out: Path, progress: Progress = SILENT) -> list
     stored = stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced), full_heat(task))
     save(out / MODEL_FILE, stored)
     write_text(out / "scenario.yaml", _scenario_text(task, reduced.model, path, out, MODEL_FILE))
-    write_json(out / CERTIFICATE, {"made_from": made_from(path, task), **content})
+    write_json(out / CERTIFICATE, {"made_from": _made_from(path, task), **content})
     return [*lines, *(f"wrote {out / name}" for name in _FILES)]
 
 
@@ -71,7 +71,7 @@ def scenario_of(path: Path, out: Path, progress: Progress = SILENT) -> Path:
     from the same. Otherwise it is made in `out`. Raises ScenarioError, and RunError where `out` holds something else.
     """
     task, own = load_task(path), out / REDUCED
-    origin = made_from(path, task)
+    origin = _made_from(path, task)
     kept = [folder for folder in (path.parent / REDUCED, own) if _is_from(folder, origin)]
     if not kept:
         if out.exists() and (not out.is_dir() or {file.name for file in out.iterdir()} - {REDUCED}):
@@ -93,7 +93,7 @@ def _is_from(folder: Path, origin: str) -> bool:
     return certificate.is_file() and read_json(certificate).get("made_from") == origin
 
 
-def made_from(path: Path, task: Task) -> str:
+def _made_from(path: Path, task: Task) -> str:
     """Hash of what a reduced model follows from: the reduction file at `path`, its spacecraft and that one's files."""
     files = [path.parent / task.reduction.spacecraft, *map(Path, input_files(task.scenario))]
     asked = task.reduction.model_dump(mode="json", exclude=_OF_SCENARIO)
