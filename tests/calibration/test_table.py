@@ -73,6 +73,18 @@ def test_a_posterior_far_out_in_a_wide_prior_has_much_from_the_data_however_wide
     assert own.from_data == pytest.approx(1.0 - (0.15 / np.log(1.5)) ** 2, abs=0.02)
 
 
+def test_an_interval_if_fixed_numbers_are_off_is_in_the_same_unit_and_never_narrower():
+    given = draws(284.15 + 0.1 * np.random.default_rng(3).standard_normal(4000))
+    wider = 284.15 + 3.0 * (given - 284.15)
+    own, same = (calibrated(Theta(START), given, None, moved)[0] for moved in (wider, 284.15 + 0.5 * (given - 284.15)))
+    assert own.considered == pytest.approx((11.0 - 0.59, 11.0 + 0.59), abs=0.03)
+    assert own.times_as_wide == pytest.approx(3.0, rel=0.01)
+    assert (same.considered, same.times_as_wide) == ((same.lower, same.upper), 1.0)
+    cooler = own.rescaled(lambda value: value - 11.0, 1.0, "K")
+    assert cooler.considered == pytest.approx((-0.59, 0.59), abs=0.03)
+    assert calibrated(Theta(START), given)[0].considered is None
+
+
 def test_correlations_are_those_of_the_draws():
     given = np.random.default_rng(2).multivariate_normal([0, 0], [[1, -0.8], [-0.8, 1]], 20_000)
     found = correlation(np.column_stack([given, np.ones(len(given))]))

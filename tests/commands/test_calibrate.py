@@ -140,6 +140,7 @@ def test_a_changed_setting_runs_its_stage_and_those_after_it(finished, tmp_path)
 def test_the_parameters_are_left_as_tables_with_their_correlations(finished):
     _, run, summary = finished
     content = json.loads((run / "parameters.json").read_text())
+    assert content["fixed_numbers"]["within"] == 0.1
     found = {record["name"]: record for record in content["parameters"]}
     assert found.keys() >= {"link", "panel_size", "power", "noise.body_temp", "initial.body"}
     draws = xarray.open_datatree(run / "posterior.nc")["posterior"]

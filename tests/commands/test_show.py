@@ -21,7 +21,7 @@ def test_the_verdict_the_parameters_and_the_files_are_printed(tmp_path):
     run = tmp_path / "run"
     assert f"next: flightcal backtest {run}/scenario.yaml --out {run}/backtest" in " ".join(result.output.split())
     (row,) = (line for line in result.output.splitlines() if "link" in line)
-    assert cells_of(row) == ["link, W/K", "0.600 [0.360, 1.00]", "0.650 [0.590, 0.710]", "97.0%"]
+    assert cells_of(row) == ["link, W/K", "0.600", "0.650 [0.590, 0.710]", "[0.550, 0.750]", "97.0%"]
     assert "initial.body" not in result.output
     assert "1 more with --all: noise" in result.output
     assert f"{tmp_path / 'run' / 'calibrated.yaml'}: the scenario with the calibrated numbers" in result.output

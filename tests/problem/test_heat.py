@@ -144,6 +144,14 @@ def test_the_information_is_that_of_the_dense_covariance(heated, at_centre, know
         np.testing.assert_allclose(
             found[of_simulated], expected[of_simulated], rtol=1e-8, atol=1e-8 * np.abs(expected).max()
         )
+        # Other numbers that do the same to the temperatures have the same information, but no prior.
+        both = chosen.gauss_newton_hessian(z, chosen.jacobians(z))
+        d, alone = len(z), found - np.diag(chosen.priors.precision(z))
+        np.testing.assert_allclose(both[:d, :d], found, rtol=0.0, atol=1e-9 * np.abs(found).max())
+        for block in (both[d:, :d], both[:d, d:], both[d:, d:]):
+            np.testing.assert_allclose(
+                block[of_simulated], alone[of_simulated], rtol=1e-8, atol=1e-8 * np.abs(expected).max()
+            )
 
 
 def test_the_information_on_sizes_is_the_curvature_bent_to_be_positive(heated, at_centre):

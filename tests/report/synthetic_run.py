@@ -324,10 +324,15 @@ def _write_texts(
         calibrated.append(
             {"name": name, "kind": kind, "unit": "degC" if is_absolute else unit, **of_prior, **after,
              "mean": flat[:, i].mean() + offset, "deviation": flat[:, i].std(),
+             "considered_lower": after["lower"] - flat[:, i].std(),
+             "considered_upper": after["upper"] + flat[:, i].std(),
              "from_data": max(0.0, 1.0 - (flat[:, i].std() / spread[i]) ** 2)}
         )  # fmt: skip
     write("priors.json", parameters)
-    write("parameters.json", {"interval": 0.95, "parameters": calibrated})
+    write(
+        "parameters.json",
+        {"interval": 0.95, "parameters": calibrated, "fixed_numbers": {"within": 0.1, "footings": []}},
+    )
     gates = [
         {"name": name, "passed": passed, "found": found, "required": required, "advice": advice}
         for name, passed, found, required, advice in (

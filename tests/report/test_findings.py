@@ -5,9 +5,11 @@ import json
 
 import numpy as np
 
+from flightcal.calibration import FixedNumbers
 from flightcal.report.panels.parameters import at_edge, footing
 from flightcal.report.run_files import read_run
 from flightcal.report.verdict import verdict_of
+from flightcal.run import typed
 
 from .cases import with_attributes
 from .synthetic_run import every_finding
@@ -273,11 +275,25 @@ def test_coverage_over_all_channels_does_not_stand_alone(run):
 
 
 def test_what_rests_on_a_fixed_number_is_told_and_decides_nothing(run):
-    own = {"parameter": "panel_emissivity", "number": "faces.outside.area", "share": -0.9}
-    resting = dataclasses.replace(run, footings=[own])
+    own = FixedNumbers(0.1, ())
+    emissivity = next(row for row in run.calibrated if row.name == "panel_emissivity")
+    width = emissivity.upper - emissivity.lower
+    ends = {"considered_lower": emissivity.lower - width, "considered_upper": emissivity.upper + width}
+    resting = dataclasses.replace(run, calibrated=(dataclasses.replace(emissivity, **ends),), fixed_numbers=own)
     finding = about(resting, "rests on fixed numbers")
     assert finding.title == "What is known of panel_emissivity rests on fixed numbers"
-    assert finding.details == ("panel_emissivity: as good as faces.outside.area.",)
+    assert finding.details == ("panel_emissivity: 3.0 times as wide.",)
     assert verdict_of(resting).state == verdict_of(run).state
-    assert footing(resting).rows == [["panel_emissivity", "faces.outside.area", "−9.0%"]]
     assert not [title for title in findings(run) if "fixed numbers" in title]
+
+
+def test_the_numbers_that_values_rest_on_are_told(run):
+    record = {"name": "panel_emissivity", "number": "faces.outside.area", "off": 0.06, "change": -0.031}
+    own = dataclasses.replace(run, fixed_numbers=typed(FixedNumbers, {"within": 0.1, "footings": [record]}))
+    assert footing(own).rows == [["panel_emissivity", "faces.outside.area", "6.0%", "−0.031"]]
+
+
+def test_a_value_that_is_little_wider_if_fixed_numbers_are_off_is_not_told(run):
+    rows = (dataclasses.replace(row, considered_lower=row.lower, considered_upper=row.upper) for row in run.calibrated)
+    same = dataclasses.replace(run, calibrated=tuple(rows), fixed_numbers=FixedNumbers(0.1, ()))
+    assert not [title for title in findings(same) if "fixed numbers" in title]

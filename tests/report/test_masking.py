@@ -53,8 +53,13 @@ def folder(slim_directory, tmp_path_factory):
     diagnostics["gates"][0]["advice"] = TREACHEROUS
     (own / "diagnostics.json").write_text(json.dumps(diagnostics), "utf-8")
     suspect = {"title": TREACHEROUS, "sentence": TREACHEROUS, "advice": TREACHEROUS}
-    footing = {"parameter": "panel_emissivity", "number": "faces.panel.area", "share": 0.9}
-    (own / "suspects.json").write_text(json.dumps({"found": [suspect], "footings": [footing]}), "utf-8")
+    (own / "suspects.json").write_text(json.dumps({"found": [suspect]}), "utf-8")
+    footing = {"name": "panel_emissivity", "number": "faces.panel.area", "off": 0.07, "change": 0.9}
+    results = json.loads((own / "parameters.json").read_text("utf-8"))
+    for row in results["parameters"]:
+        row |= {"considered_lower": row["lower"] - 3.0, "considered_upper": row["upper"] + 3.0}
+    results["fixed_numbers"] = {"within": 0.1, "footings": [footing]}
+    (own / "parameters.json").write_text(json.dumps(results), "utf-8")
     return own
 
 

@@ -3,6 +3,7 @@
 Imports: errors, probability, problem, progress, run, scenario, simulator, telemetry.
 """
 
+from .considered import FixedNumbers
 from .diagnostics import LINEAR, Diagnostics, Gate, PriorScore, gate, least_effective, with_gate
 from .heat_file import with_kept_heat
 from .methods import calibrate_nuts
@@ -10,6 +11,6 @@ from .mode import climb, find_mode
 from .nuts import sample
 from .optimisation import calibrate_genetic, genetic_points, genetic_run_points, with_residual_noise
 from .posterior import Posterior, mean_and_some, some_of
-from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated
+from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated, read_fixed_numbers
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
 from .table import Calibrated, html_table

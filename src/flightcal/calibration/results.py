@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +18,7 @@ from ..run import Run, Stage, plain, read_json, read_provenance, typed
 from ..scenario import (
     RewritingError,
     Scenario,
+    WrittenUnit,
     calibrated_numbers,
     calibrated_text,
     load_scenario,
@@ -25,6 +26,7 @@ from ..scenario import (
     resolved_yaml,
     settable,
 )
+from .considered import FixedNumbers, considered
 from .heat_file import with_kept_heat
 from .stages import Sampled
 from .table import INTERVAL, Calibrated, calibrated, correlation
@@ -39,10 +41,13 @@ def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, 
     problem = with_kept_heat(problem, sampled.posterior)
     group = sampled.posterior["posterior"].to_dataset()
     thetas = np.stack([group[name].values.ravel() for name in problem.names], axis=1)
-    rows = calibrated(problem, thetas, parameter_units(text, problem.scenario))
+    settings, units = problem.scenario.calibration, parameter_units(text, problem.scenario)
+    moved, fixed = considered(problem, thetas, settings.fixed_numbers_within, settings.seed) or (None, None)
+    rows = calibrated(problem, thetas, units, moved)
     content = {
         "interval": INTERVAL,
         "parameters": rows,
+        "fixed_numbers": None if fixed is None else _in_units(fixed, units),
         "correlation": {"names": problem.names, "matrix": correlation(thetas)},
     }
     run.folder.write_json(RESULTS_FILE, plain(content))
@@ -59,6 +64,12 @@ def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, 
             run.progress.say(f"{CALIBRATED_FILE}: {otherwise}: {error}")
         else:
             return
+
+
+def _in_units(fixed: FixedNumbers, units: Mapping[str, WrittenUnit]) -> FixedNumbers:
+    """What parameters depend on, in the units that these are shown in."""
+    kept = (own for own in fixed.footings if own.name in units)
+    return replace(fixed, footings=tuple(replace(own, change=own.change / units[own.name].factor) for own in kept))
 
 
 def _check(file: Path, scenario: Scenario, means: Mapping[str, float]) -> None:
@@ -106,6 +117,12 @@ def read_calibrated(file: Path) -> tuple[Calibrated, ...]:
     except (KeyError, TypeError):
         found = "found another content than this flightcal writes"
         raise RunError(f"{file}: {found}; run the calibration again, which makes it anew") from None
+
+
+def read_fixed_numbers(file: Path) -> FixedNumbers | None:
+    """By how much fixed numbers were taken to be off in a parameters.json; None: nobody looked."""
+    content = read_json(file).get("fixed_numbers")
+    return None if content is None else typed(FixedNumbers, content)
 
 
 def _read(run: Run, *_: Any) -> tuple[Calibrated, ...]:

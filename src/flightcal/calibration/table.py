@@ -48,11 +48,32 @@ class Calibrated:
     Both are of the prior's normal scores (logarithms of a half-normal prior, logits of a beta one): a wide lognormal
     prior whose posterior lies far out has learnt much, though it may be as wide in the unit.
     """
+    considered_lower: float | None = None
+    considered_upper: float | None = None
+    """Ends of the 95% interval if the scenario's fixed numbers are off; None: not known. See `considered`."""
+
+    @property
+    def considered(self) -> tuple[float, float] | None:
+        """That interval."""
+        if self.considered_lower is None or self.considered_upper is None:
+            return None
+        return self.considered_lower, self.considered_upper
+
+    @property
+    def times_as_wide(self) -> float:
+        """That interval, over the one where fixed numbers are exact."""
+        if self.considered is None or not self.upper > self.lower:
+            return 1.0
+        lower, upper = self.considered
+        return (upper - lower) / (self.upper - self.lower)
 
     def rescaled(self, of: Callable[[float], float], factor: float, unit: str) -> Calibrated:
         """The same in another unit: `of` each value, and its deviation times a factor."""
         values = ("before", "before_lower", "before_upper", "mean", "median", "lower", "upper")
         moved: dict[str, Any] = {name: of(getattr(self, name)) for name in values}
+        for name in ("considered_lower", "considered_upper"):
+            value = getattr(self, name)
+            moved[name] = None if value is None else of(value)
         return replace(self, unit=unit, deviation=self.deviation * factor, **moved)
 
     def __repr__(self) -> str:
@@ -60,11 +81,15 @@ class Calibrated:
 
 
 def calibrated(
-    problem: Problem, thetas: FloatArray, units: Mapping[str, WrittenUnit] | None = None
+    problem: Problem,
+    thetas: FloatArray,
+    units: Mapping[str, WrittenUnit] | None = None,
+    considered: FloatArray | None = None,
 ) -> tuple[Calibrated, ...]:
     """Every entry of theta before and after; thetas [S, d] are its posterior draws.
 
-    units: of the parameters that are not shown in SI; absolute temperatures are in degC in any case.
+    units: of the parameters that are not shown in SI; absolute temperatures are in degC in any case. considered: draws
+    [S, d] if the scenario's fixed numbers are off.
     """
     priors, units = problem.priors, {**_default_units(problem.entries), **(units or {})}
     before = priors.quantile(np.array(_LEVELS)[:, None])
@@ -73,9 +98,13 @@ def calibrated(
     after = np.quantile(thetas, _LEVELS, axis=0)
     means, variances = thetas.mean(axis=0), thetas.var(axis=0, ddof=1)
     told = np.clip(1.0 - _scores(priors, thetas).var(axis=0, ddof=1) / wide, 0.0, 1.0)
+    wider = None if considered is None else np.quantile(considered, (_LEVELS[0], _LEVELS[-1]), axis=0)
     rows = []
     for k, entry in enumerate(problem.entries):
         unit = units[entry.name]
+        # The two are made of the same draws; where nothing is added, they are the same but for chance.
+        ends = (None, None) if wider is None else (min(wider[0, k], after[0, k]), max(wider[1, k], after[-1, k]))
+        considered_lower, considered_upper = (None if end is None else unit.of(float(end)) for end in ends)
         lower, median, upper = (unit.of(value) for value in after[:, k].tolist())
         before_lower, middle, before_upper = (unit.of(value) for value in before[:, k].tolist())
         rows.append(
@@ -92,6 +121,8 @@ def calibrated(
                 lower=lower,
                 upper=upper,
                 from_data=float(told[k]),
+                considered_lower=considered_lower,
+                considered_upper=considered_upper,
             )
         )
     return tuple(rows)

@@ -22,7 +22,6 @@ from ..run import Run, Stage, plain, read_json, typed
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
 from .evidence import Fit, Gaussian, climbed, gaussian
-from .footings import Footing, footings
 from .jumps import Jump, in_words, jumps
 from .misfit import Misfit, misfit
 from .prepared import prepared
@@ -98,8 +97,6 @@ class Suspects:
     """Whether the telemetry was compared with the simulator, beside what it shows by itself."""
     why_not: str = ""
     """Why it was not, where it was not."""
-    footings: tuple[Footing, ...] = ()
-    """Fixed numbers that values of parameters are as good as."""
     misfit: Misfit | None = None
     """Where the model is farthest off, if it is beyond what is usual and nothing says why."""
 
@@ -163,7 +160,7 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     for name, words, constant in odd:
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
-    return Suspects((*found, *compared), True, "", footings(view, base, nothing), where)
+    return Suspects((*found, *compared), True, "", where)
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:

@@ -168,7 +168,7 @@ class View:
 
     def with_numbers(self, written: FloatArray) -> Window:
         """The window with other numbers [P] written in its scenario."""
-        return self.simulated_by(mapping=self.network.mapping._replace(written=written))
+        return self.window.with_written(written)
 
     def with_inputs(self, inputs: FloatArray) -> Window:
         """The window with other inputs [K, 2, q]."""

@@ -89,15 +89,21 @@ def chosen(parameters: Sequence[Calibrated], every: bool) -> list[Calibrated]:
 
 
 def parameter_table(parameters: Sequence[Calibrated]) -> Table:
-    """Before, after, interval and how much of it is the data's word."""
+    """Before, after, interval, that if fixed numbers are off where it is known, and how much is the data's word."""
     from ..report import interval
 
-    title = "Parameters: median [95%] before, mean [95%] after, share from data"
-    table = table_of(title, ("name, unit",), ("before", "after", "data"), overflow="fold")
+    is_known = any(own.considered is not None for own in parameters)
+    of_fixed = ", and the interval if fixed numbers are off" if is_known else ""
+    title = f"Parameters: median before; mean [95%] after{of_fixed}; share from data"
+    columns = ("before", "after", *(["fixed off"] if is_known else []), "data")
+    table = table_of(title, ("name, unit",), columns, overflow="fold")
     for own in parameters:
-        before, after = (own.before, own.before_lower, own.before_upper), (own.mean, own.lower, own.upper)
-        named = f"{own.name}, {own.unit}" if own.unit else own.name
-        table.add_row(*map(escape, (named, interval(*before), interval(*after), f"{own.from_data:.1%}")))
+        cells = [f"{own.name}, {own.unit}" if own.unit else own.name]
+        cells.append(interval(own.before, own.before_lower, own.before_upper).partition(" ")[0])
+        cells.append(interval(own.mean, own.lower, own.upper))
+        if is_known:
+            cells.append("–" if own.considered is None else interval(own.mean, *own.considered).partition(" ")[2])
+        table.add_row(*map(escape, (*cells, f"{own.from_data:.1%}")))
     return table
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ..compiled import warm
 from ..probability import (
@@ -332,35 +333,50 @@ class Problem:
         coordinates = own.coordinates(z, self.priors.to_theta(z))
         return window.jacobian(Priors(window.names, tuple(self.entries[k].prior for k in own.columns)), coordinates)
 
-    def gauss_newton_hessian(self, z: FloatArray) -> FloatArray:
+    def gauss_newton_hessian(self, z: FloatArray, beside: Sequence[FloatArray] | None = None) -> FloatArray:
         """Gauss-Newton approximation [d, d] of minus the Hessian of the log density at z: priors and windows.
 
-        Raises SimulationFailure.
+        beside: d temperatures [T, N, m] of each window by other numbers, which then stand after z [d + m, d + m]; they
+        have no prior, and what they do to the heaters' status is not counted. Raises SimulationFailure.
         """
-        prior = self.priors.at(z)
+        prior, d = self.priors.at(z), len(z)
+        moved = list(self._moved(z, prior, beside))
         if self.heat is not None:
-            hessian = self._information_beside_heat(z, prior) + self._curvature_beside_heat(z, prior)
+            hessian = self._information_beside_heat(z, prior, moved)
+            hessian[:d, :d] += self._curvature_beside_heat(z, prior)
         else:
-            hessian = self._information(z, prior)
+            hessian = self._information(z, prior, moved)
         for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
             derivative = own.derivative(z, prior)
             found = window.status_information(inside)
             if self.heat is None:
                 found += window.noise_information(inside)
-            hessian += np.einsum("ai,ab,bj->ij", derivative, found, derivative, optimize=True)
-        hessian[np.diag_indices(len(z))] += self.priors.precision(z)
+            hessian[:d, :d] += np.einsum("ai,ab,bj->ij", derivative, found, derivative, optimize=True)
+        hessian[np.arange(d), np.arange(d)] += self.priors.precision(z)
         return hessian
 
-    def _information(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
-        """Gauss-Newton of the temperatures, J^T C^-1 J [d, d]; C: of residuals, or normal ones of their information."""
-        terms, numbers, jacobians, derivatives, variances = [], [], [], [], []
-        for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
+    def _moved(
+        self, z: FloatArray, prior: PriorTerms, beside: Sequence[FloatArray] | None
+    ) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """d temperatures / d coordinates and what is beside these, [T, N, q + m], and of these by z and that."""
+        for k, (window, own) in enumerate(zip(self.windows, self.links, strict=True)):
+            jacobian, derivative = self._jacobian(window, own, z), own.derivative(z, prior)
+            if beside is None:
+                yield jacobian, derivative
+            else:
+                yield np.concatenate([jacobian, beside[k]], axis=2), block_diag(derivative, np.eye(beside[k].shape[2]))
+
+    def _information(
+        self, z: FloatArray, prior: PriorTerms, moved: Sequence[tuple[FloatArray, FloatArray]]
+    ) -> FloatArray:
+        """Gauss-Newton of the temperatures, J^T C^-1 J; C: of residuals, or normal ones of their information."""
+        terms, numbers, variances = [], [], []
+        for window, inside in self._inside(z, prior):
             equivalent, equal = window.residuals.normal_equivalent(window.numbers(inside.theta))
             terms.append(equivalent.with_errors(window.simulator.error_basis))
             numbers.append(equal)
-            jacobians.append(self._jacobian(window, own, z))
-            derivatives.append(own.derivative(z, prior))
             variances.append(window.simulate(inside.theta).error_variance)
+        jacobians, derivatives = zip(*moved, strict=True)
         return information(terms, jacobians, derivatives, numbers, variances)
 
     @cached_property
@@ -392,18 +408,19 @@ class Problem:
         ]
         return np.concatenate(parts, axis=1), np.stack([self.windows[0].roots(own) for own in inside[0]])
 
-    def _information_beside_heat(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
+    def _information_beside_heat(
+        self, z: FloatArray, prior: PriorTerms, moved: Sequence[tuple[FloatArray, FloatArray]]
+    ) -> FloatArray:
         """`_information`, with the weights of heat integrated out."""
         assert self.heat is not None
         inside = [at.theta for _, at in self._inside(z, prior)]
         roots = self.windows[0].roots(inside[0])
-        d, m, known = len(z), len(roots), self.weighed
+        d, m, known = moved[0][1].shape[1], len(roots), self.weighed
         total = np.zeros((d + m, d + m))
-        for window, own, theta, whitens, response in zip(
-            self.windows, self.links, inside, known.filters, known.white, strict=True
+        for window, (jacobian, derivative), theta, whitens, response in zip(
+            self.windows, moved, inside, known.filters, known.white, strict=True
         ):
-            jacobian = np.moveaxis(self._jacobian(window, own, z), 1, 0)
-            white = whitens.whiten(jacobian, window.terms.valid) @ own.derivative(z, prior)
+            white = whitens.whiten(np.moveaxis(jacobian, 1, 0), window.terms.valid) @ derivative
             columns = np.concatenate([white, response], axis=2)
             precision = window.numbers(theta)[:, DEVIATION] ** -2.0
             total += np.einsum("k,kti,ktj->ij", precision, columns, columns, optimize=True)

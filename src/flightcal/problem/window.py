@@ -38,6 +38,9 @@ from ..telemetry import window_bounds
 
 _DIFFERENCE = 1e-4
 """Of a coordinate, whose prior has a standard deviation of about one."""
+_BLOCKS = ("nodes", "conductors", "faces", "environment", "modes", "heaters", "loads")
+_NO_SIZES = ("boundary", "on_below", "off_above")
+"""Numbers in these that are temperatures."""
 
 
 @dataclass(frozen=True)
@@ -291,6 +294,23 @@ class Window:
         assert self.network is not None
         return replace(self, simulator=replace(self.network, drive=replace(self.network.drive, initially_on=on)))
 
+    def with_written(self, numbers: FloatArray) -> Window:
+        """The same with other numbers [V] written in the scenario; of a thermal network."""
+        assert self.network is not None
+        mapping = self.network.mapping._replace(written=numbers)
+        return replace(self, simulator=replace(self.network, mapping=mapping))
+
+    @cached_property
+    def sizes(self) -> tuple[int, ...]:
+        """Places of a thermal network's written numbers of which a relative error makes sense, and that are not zero.
+
+        Of nodes, links, surfaces and heat, without temperatures and angles.
+        """
+        if self.network is None:
+            return ()
+        written = self.network.mapping.written
+        return tuple(k for k, path in enumerate(self.network.network.paths) if written[k] != 0.0 and _is_size(path))
+
     @cached_property
     def unmeasured(self) -> tuple[int, ...]:
         """Heaters of a thermal network whose status is not measured: for how long these are on is not known."""
@@ -484,3 +504,8 @@ class Window:
             return self.network.score_many(thetas[:, self.simulated], score)
         runs = self.simulate_many(thetas)
         return np.array([np.nan if run is None else score(run.temperatures[None], run.status[None])[0] for run in runs])
+
+
+def _is_size(path: str) -> bool:
+    first, *_, last = path.split(".")
+    return first in _BLOCKS and last not in _NO_SIZES and "attitude_offset" not in path

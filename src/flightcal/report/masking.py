@@ -79,10 +79,10 @@ def masked(run: RunFiles) -> RunFiles:
         emulator_check=told(run.emulator_check),
         full_check=told(run.full_check),
         suspects=told(run.suspects),
-        footings=[],
         beside={model: _metrics(own, rename) for model, own in run.beside.items()},
         backtest=None,
         calibrated=tuple(_row(own, rename, absolute) for own in run.calibrated),
+        fixed_numbers=None if run.fixed_numbers is None else replace(run.fixed_numbers, footings=()),
         files=(),
     )
 

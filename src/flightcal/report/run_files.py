@@ -14,7 +14,15 @@ import xarray as xr
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from ..calibration import CALIBRATED_FILE, RESULTS_FILE, TABLE_FILE, Calibrated, read_calibrated
+from ..calibration import (
+    CALIBRATED_FILE,
+    RESULTS_FILE,
+    TABLE_FILE,
+    Calibrated,
+    FixedNumbers,
+    read_calibrated,
+    read_fixed_numbers,
+)
 from ..errors import RunError
 from ..prediction import Metric
 from ..run import check_whole, read_dataset, read_json, read_records, read_tree, typed
@@ -97,14 +105,14 @@ class RunFiles:
     """Of a calibration through a reduced model only."""
     suspects: list[Record]
     """Simple wrongs that explain the telemetry better than the scenario as it is, the likeliest first."""
-    footings: list[Record]
-    """Fixed numbers that values of parameters are as good as."""
     beside: dict[str, list[Metric]]
     """Scores of other models of the same satellite by their names, of the demonstration only."""
     backtest: Record | None
     """Of a backtest in the folder `backtest` of the run."""
     calibrated: tuple[Calibrated, ...]
     """Every quantity before and after; empty of a run that did not finish."""
+    fixed_numbers: FixedNumbers | None
+    """What values depend on that is fixed; None: nobody looked."""
     files: tuple[tuple[str, str], ...]
     """What lies in the folder to be taken away, and what each is."""
     missing: tuple[str, ...]
@@ -196,10 +204,10 @@ def read_run(folder: Path) -> RunFiles:
         emulator_check=kept("emulator_check.json", read_json),
         full_check=kept("full_simulator_check.json", read_json),
         suspects=looked.get("found", []),
-        footings=looked.get("footings", []),
         beside=kept("beside.json", _beside) or {},
         backtest=kept("backtest/backtest.json", read_json),
         calibrated=kept(RESULTS_FILE, read_calibrated) or (),
+        fixed_numbers=kept(RESULTS_FILE, read_fixed_numbers),
         files=tuple(own for own in _TAKEN_AWAY.items() if (folder / own[0]).is_file()),
         missing=missing,
     )

@@ -63,3 +63,5 @@ class Calibration(Block):
     nuts: NutsSettings = NutsSettings()
     prediction: PredictionSettings = PredictionSettings()
     emulator: EmulatorSettings = EmulatorSettings()
+    fixed_numbers_within: Number = Field(0.1, gt=0, lt=1)
+    """Relative deviation by which capacities, areas, links and the like that are no parameters may be off."""

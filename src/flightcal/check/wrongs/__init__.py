@@ -6,8 +6,7 @@ from contextlib import suppress
 from ...simulator import SimulationFailure
 from ..view import View
 from . import channels, clocks, drivers, faces, heat, heaters, orbit, slow, timeline, written
-from .written import BLOCKS, fixed_numbers
-from .wrong import Words, Wrong, multiplied
+from .wrong import Words, Wrong
 
 _FAMILIES = (channels, clocks, faces, heaters, heat, drivers, timeline, orbit, slow, written)
 _WRONGS = tuple(wrong for family in _FAMILIES for wrong in family.WRONGS)
@@ -20,4 +19,4 @@ def all_wrongs(view: View) -> Iterator[Wrong]:
             yield from wrongs(view)
 
 
-__all__ = ["BLOCKS", "Words", "Wrong", "all_wrongs", "fixed_numbers", "multiplied"]
+__all__ = ["Words", "Wrong", "all_wrongs"]

@@ -16,7 +16,7 @@ from ..evidence import Fit
 from ..view import NO_LINK, SHARES, Moved, View
 from .wrong import FACTORS, FEW_TIMES, Words, Wrong, multiplied
 
-BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
+_BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
 """Of a scenario, whose numbers are tried; heaters and loads are tried elsewhere."""
 _PER_NUMBER = 3.0
 """Ways in which each number is off, about."""
@@ -47,7 +47,7 @@ _FAR = 4.0
 
 def numbers(view: View) -> Iterator[Wrong]:
     """A number of the scenario has the wrong unit, a digit too many, or is about twice what it should be."""
-    paths, fixed = view.network.network.paths, fixed_numbers(view)
+    paths, fixed = view.network.network.paths, _fixed_numbers(view)
     for k in fixed:
         for factor in FACTORS:
             yield from _number(view, [k], paths[k], factor, tries=_PER_NUMBER * len(fixed))
@@ -76,19 +76,15 @@ def _alike(view: View, fixed: Sequence[int]) -> list[list[int]]:
     return [group for group in found.values() if 1 < len(group) <= _MOST_OF_PARTS]
 
 
-def fixed_numbers(view: View, blocks: Sequence[str] = BLOCKS) -> list[int]:
-    """Places of the numbers of some blocks of the simulator that no parameter sets."""
-    mapping, moved = view.network.mapping, set(view.network.mapping.set_positions.tolist())
+def _fixed_numbers(view: View) -> list[int]:
+    """Places of the numbers of `_BLOCKS` that no parameter sets."""
+    mapping, paths = view.network.mapping, view.network.network.paths
+    moved = set(mapping.set_positions.tolist())
     return [
         k
-        for k, path in enumerate(view.network.network.paths)
-        if k not in moved and _is_fixed(path, blocks) and mapping.written[k] > _NONE
+        for k in view.window.sizes
+        if k not in moved and paths[k].partition(".")[0] in _BLOCKS and mapping.written[k] > _NONE
     ]
-
-
-def _is_fixed(path: str, blocks: Sequence[str]) -> bool:
-    first, *_, last = path.split(".")
-    return first in blocks and last not in ("on_below", "off_above", "boundary") and "attitude_offset" not in path
 
 
 def _near(view: View, places: Sequence[int], name: str, factor: float, tries: float) -> Iterator[Wrong]:
@@ -145,7 +141,7 @@ def _holds_too_much(view: View, changed: FloatArray) -> bool:
 
 def coatings(view: View) -> Iterator[Wrong]:
     """Absorptivity and emissivity of every face are each other's, where no parameter says what they are."""
-    paths, fixed = view.network.network.paths, {view.network.network.paths[k] for k in fixed_numbers(view)}
+    paths, fixed = view.network.network.paths, {view.network.network.paths[k] for k in _fixed_numbers(view)}
     faces = [path.rpartition(".")[0] for path in paths if path.startswith("faces.") and path.endswith(".emissivity")]
     own = [path for face in faces for path in (f"{face}.absorptivity", f"{face}.emissivity")]
     if len(faces) < 2 or not fixed.issuperset(own):

@@ -27,6 +27,8 @@ _NARROWED_MUCH = 0.8
 """Usual deviation of a normal score, from which that is worth no word."""
 UNEXPLAINED = "everything"
 """Kind of the record that says that nothing simple is wrong, and the model far off."""
+_RESTS = 2.0
+"""Times as wide as it is, an interval that is wider than that if fixed numbers are off is named."""
 FAR_OFF = 1e-6
 """The probability below which a model is called wrong."""
 
@@ -279,19 +281,23 @@ def _far_title(out_by: dict[str, PriorScore], named: list[str]) -> str:
 
 
 def resting(run: RunFiles) -> list[Finding]:
-    """Values that are as good as a fixed number of the scenario: they bear on no prediction, and are no fault."""
-    if not run.footings:
+    """Values that are much less well known if fixed numbers are off: they bear on no prediction, and are no fault."""
+    found = [own for own in run.calibrated if own.kind == "parameter" and own.times_as_wide > _RESTS]
+    if run.fixed_numbers is None or not found:
         return []
-    names = list(dict.fromkeys(str(own["parameter"]) for own in run.footings))
+    found.sort(key=lambda own: -own.times_as_wide)
+    within, footings = percent(run.fixed_numbers.within, 0), run.fixed_numbers.footings
     details = tuple(
-        f"{name}: as good as {listed([str(own['number']) for own in run.footings if own['parameter'] == name])}."
-        for name in names
+        f"{own.name}: {number(own.times_as_wide, 2)} times as wide"
+        + (f", most by {listed(on)}." if (on := [each.number for each in footings if each.name == own.name]) else ".")
+        for own in found
     )
     text = (
-        "The telemetry tells these values together with numbers that the scenario has as fixed. No fit shows an error "
-        "of such a number: the value makes up for it, and temperatures are right all the same."
+        f"With capacities, areas, links and other fixed numbers that are uncertain by {within}, these intervals are "
+        f"more than {_RESTS:g} times as wide. No fit shows such an error: the values make up for it, and temperatures "
+        "are right all the same."
     )
-    title = f"What is known of {shortened(names)} rests on fixed numbers"
+    title = f"What is known of {shortened([own.name for own in found])} rests on fixed numbers"
     return [Finding("good", title, text, details)]
 
 

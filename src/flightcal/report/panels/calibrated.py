@@ -30,19 +30,30 @@ def panel(run: RunFiles) -> list[Block]:
         "posterior), and the interval that has 95% of it. From telemetry: how much is its word and not the prior's "
         "(1 − variance after / before, in normal scores)."
     )
-    blocks = [block.table(table(rows[:MOST_ROWS]))]
+    fixed = run.fixed_numbers
+    if fixed is not None:
+        words += (
+            f" If fixed numbers are {percent(fixed.within, 0)} off: the same interval where capacities, areas, links "
+            "and whatever else is no parameter are uncertain by that. Temperatures hardly depend on it, the values do."
+        )
+    within = None if fixed is None else fixed.within
+    blocks = [block.table(table(rows[:MOST_ROWS], within))]
     if rows[MOST_ROWS:]:
-        blocks.append(block.folded(f"{len(rows) - MOST_ROWS} more", table(rows[MOST_ROWS:])))
+        blocks.append(block.folded(f"{len(rows) - MOST_ROWS} more", table(rows[MOST_ROWS:], within)))
     return [*blocks, block.text(words), *([block.links("To load:", run.files)] if run.files else [])]
 
 
-def table(rows: Iterable[Calibrated]) -> Table:
-    """A row for each quantity."""
+def table(rows: Iterable[Calibrated], within: float | None = None) -> Table:
+    """A row for each quantity; within: by how much fixed numbers are off in a further interval; None: without it."""
     cells = []
     for own in rows:
         before, after, lower, upper = in_digits(own.lower, own.upper, own.before, own.mean, own.lower, own.upper)
         told: str = percent(own.from_data, 0)
         if own.from_data < LITTLE:
             told = Cell(f"{told}\nmostly the prior", "warn")
-        cells.append([own.name, before, after, f"{lower} to {upper}", unit(own.unit) or "–", told])
-    return Table(("parameter", "before", "after", "95% interval", "unit", "from telemetry"), cells, (1, 2, 3, 5))
+        wider = "–" if own.considered is None else " to ".join(in_digits(*own.considered, *own.considered))
+        intervals = [f"{lower} to {upper}"] + [wider] * (within is not None)
+        cells.append([own.name, before, after, *intervals, unit(own.unit) or "–", told])
+    of_fixed = () if within is None else (f"if fixed numbers are {percent(within, 0)} off",)
+    names = ("parameter", "before", "after", "95% interval", *of_fixed, "unit", "from telemetry")
+    return Table(names, cells, tuple(k for k, name in enumerate(names) if name not in ("parameter", "unit")))

@@ -8,7 +8,7 @@ from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, draws
 from ..tables import Cell, Table, interval
-from ..text import count, listed, number, percent, signed_percent, unit
+from ..text import count, listed, number, percent, unit
 
 EDGE = 0.2
 """Share of the posterior in the prior's outer 5% above which it is called pressed against the prior's edge."""
@@ -40,10 +40,11 @@ def panel(run: RunFiles) -> list[Block]:
     )
     if words := taken_by_heat(run):
         blocks.append(block.text(words))
-    if run.footings:
+    if run.fixed_numbers is not None and run.fixed_numbers.footings:
         words = (
-            "These values are as good as numbers that the scenario has as fixed: the telemetry tells the two together. "
-            "The last column says what a number that is larger by 10% makes of the value."
+            "These values depend on numbers that the scenario has as fixed: the telemetry tells the two together. "
+            f"Before telemetry each of these is taken to be off by {percent(run.fixed_numbers.within, 0)}. The columns "
+            "say by how much it may still be off, and how a number that is larger by that moves the value."
         )
         blocks += [block.heading("What they rest on"), block.text(words), block.table(footing(run))]
     of_windows = window_values(run)
@@ -187,11 +188,14 @@ def at_edge(run: RunFiles) -> dict[str, str]:
 
 
 def footing(run: RunFiles) -> Table:
-    """Fixed numbers that values are as good as."""
+    """Fixed numbers that values depend on."""
+    units = {own.name: unit(own.unit) for own in run.calibrated}
+    footings = () if run.fixed_numbers is None else run.fixed_numbers.footings
     rows = [
-        [str(own["parameter"]), str(own["number"]), signed_percent(0.1 * float(own["share"]))] for own in run.footings
+        [own.name, own.number, percent(own.off), f"{own.change:+.2g} {units[own.name]}".strip().replace("-", "−")]
+        for own in footings
     ]
-    return Table(("parameter", "fixed number", "with 10% more"), rows, (2,))
+    return Table(("parameter", "fixed number", "off by", "moves it by"), rows, (2, 3))
 
 
 def window_values(run: RunFiles) -> Table:
