@@ -17,8 +17,8 @@ STALE, FROZEN = 8, {"TT_BAT": 21.5, "I_SA": 120.0, "HTR": 1}
 
 def test_repeats_carry_the_length_of_their_run_and_the_first_row_is_genuine():
     keys = np.array([1, 2, 2, 2, 3, 4, 5, 5, 6], dtype=np.uint64)
-    np.testing.assert_array_equal(repeats(keys, np.ones(9, dtype=bool)), [0, 0, 3, 3, 0, 0, 0, 2, 0])
-    np.testing.assert_array_equal(repeats(keys, np.arange(9) == 2), [0, 0, 3, 3, 0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(repeats(keys, np.full(9, 0.001)), [0, 0, 3, 3, 0, 0, 0, 2, 0])
+    np.testing.assert_array_equal(repeats(keys, np.where(np.arange(9) == 2, 0.001, 1.0)), [0, 0, 3, 3, 0, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize(("length", "masked"), [(5, 0), (6, 5), (20, 19)])
@@ -29,6 +29,27 @@ def test_runs_from_stale_after_on_are_masked_but_for_their_first_row(tmp_path: P
     expected = np.zeros_like(flags)
     expected[11 : 11 + masked] = STALE
     np.testing.assert_array_equal(flags, expected)
+
+
+def test_equal_rows_are_frozen_only_where_they_do_not_come_by_chance():
+    keys = np.append(np.zeros(6), np.arange(1, 995)).astype(np.uint64)
+    assert repeats(keys, np.full(1000, 0.05)).sum() == 5 * 6
+    assert not repeats(keys, np.full(1000, 0.3)).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_that_are_close_and_coarse_repeat_by_chance(tmp_path: Path, seed: int):
+    """Two thermistors that are read every 10 s for a day, in steps as large as their noise: a row in four repeats."""
+    rng, rows = np.random.default_rng(seed), 8640
+    table = frame(rows, 10.0).drop(columns="HTR")
+    for name, step, period in (("TT_BAT", 0.1, 540.0), ("I_SA", 0.25, 560.0)):
+        value = 20.0 + 5.0 * np.sin(2 * np.pi * np.arange(rows) / period) + 0.07 * rng.standard_normal(rows)
+        table[name] = (np.round(value / step) * step).round(2)
+    channels = {"battery": CHANNELS["battery"], "sun": CHANNELS["sun"]}
+    assert not read(tmp_path, table, channels=channels)["flags"].any()
+    table.loc[4000:4030, ["TT_BAT", "I_SA"]] = table.loc[4000, ["TT_BAT", "I_SA"]].to_numpy()
+    found = read(tmp_path, table, channels=channels)["flags"].to_numpy()
+    np.testing.assert_array_equal(np.flatnonzero(found[:, 0] == STALE), np.arange(4001, 4031))
 
 
 def test_each_channel_has_its_own_stale_after(tmp_path: Path):

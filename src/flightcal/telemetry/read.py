@@ -118,7 +118,7 @@ def _read_packet(
         names = ", ".join(packet.file)
         raise TelemetryError(f"{names}: found samples of one time only, expected at least two times")
     converted, flags = rows.values[order.kept], rows.flags[order.kept]
-    repeated = repeats(rows.content.keys[order.kept], rows.content.moving[order.kept])
+    repeated = repeats(rows.content.keys[order.kept], rows.content.repeating[order.kept])
     stale = _stale(repeated, channels) & (flags & Flag.MISSING == 0)
     flags = np.where(stale, flags | Flag.STALE, flags).astype(np.uint8)
     _check_valid(", ".join(packet.file), channels, conversions, converted, flags)
@@ -214,7 +214,7 @@ def _read_file(
     rows = row_content(content(table, time.column), times, named)
     if readings is not None:
         # A row of one channel that repeats may as well be a quiet channel.
-        rows = replace(rows, moving=np.zeros_like(rows.moving), checked=True)
+        rows = replace(rows, repeating=np.ones_like(rows.repeating), checked=True)
     return _Rows(times, np.stack(values, axis=1), np.stack(flags, axis=1), rows, untimed)
 
 
@@ -244,7 +244,7 @@ def _joined(files: list[_Rows]) -> _Rows:
         np.concatenate([file.flags for file in files]),
         RowContent(
             np.concatenate([file.content.keys for file in files]),
-            np.concatenate([file.content.moving for file in files]),
+            np.concatenate([file.content.repeating for file in files]),
             checked=any(file.content.checked for file in files),
         ),
         sum(file.untimed for file in files),

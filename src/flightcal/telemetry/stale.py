@@ -13,6 +13,10 @@ from .clean import Nanoseconds, RowKeys
 
 _PRIOR_TRANSITIONS = 10
 """A value's own tendency to repeat counts against the column's as one that was seen so often."""
+_MOVES = 0.5
+"""A column normally moves on from a value that it repeats less often than that."""
+_BY_CHANCE = 0.01
+"""Equal rows as long as a run that the telemetry may show by chance, and the run be frozen for all that."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +25,8 @@ class RowContent:
 
     keys: RowKeys
     """A 64-bit hash of each row."""
-    moving: NDArray[np.bool_]
-    """Whether a row equal to one of its neighbours has a column that normally moves on from the value it has there."""
+    repeating: NDArray[np.float64]
+    """How often a row that is equal to a neighbour is so by chance; 1: no column normally moves on from there."""
     checked: bool
     """Whether any column normally moves; where none does, a frozen row cannot be told from a quiet one."""
 
@@ -40,40 +44,43 @@ def row_content(frame: pd.DataFrame, times: Nanoseconds, named: Collection[str])
     again = hashes[1:] == hashes[:-1]
     suspect = np.append(again, False) | np.append(False, again)
     witnesses = [_witness(ordered[name], suspect) for name in columns]
-    keys, moving = np.empty_like(hashes), np.zeros(len(hashes), dtype=bool)
+    keys, repeating = np.empty_like(hashes), np.ones(len(hashes))
     keys[order] = hashes
-    moving[order] = np.any([moves for moves, _ in witnesses], axis=0)
-    return RowContent(keys, moving, checked=any(share < 0.5 for _, share in witnesses))
+    repeating[order] = np.prod([chance for chance, _ in witnesses], axis=0)
+    return RowContent(keys, repeating, checked=any(share < _MOVES for _, share in witnesses))
 
 
-def repeats(keys: RowKeys, moving: NDArray[np.bool_]) -> NDArray[np.int64]:
+def repeats(keys: RowKeys, repeating: NDArray[np.float64]) -> NDArray[np.int64]:
     """For each row [T], in order of time, that only repeats the one before it: how many equal rows there are, else 0.
 
-    The first of equal rows is a genuine sample. Equal rows without a column that normally moves are a quiet spacecraft.
+    repeating: how often each row repeats by chance. The first of equal rows is a genuine sample. Equal rows as come by
+    chance, as where samples are close to each other and coarse, are a quiet spacecraft.
     """
     changes = np.ones(len(keys), dtype=bool)
     changes[1:] = keys[1:] != keys[:-1]
     starts = np.flatnonzero(changes)
     lengths = np.diff(np.append(starts, len(keys)))
-    lengths[~np.logical_or.reduceat(moving, starts)] = 0
+    by_chance = len(keys) * np.minimum.reduceat(repeating, starts) ** (lengths - 1.0)
+    lengths[by_chance > _BY_CHANCE] = 0
     return np.where(changes, 0, lengths[np.cumsum(changes) - 1])
 
 
-def _witness(column: pd.Series, suspect: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], float]:
-    """At which suspect rows [R] a column normally moves on from its value, and how often (0 to 1) it repeats at all.
+def _witness(column: pd.Series, suspect: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float]:
+    """How often suspect rows [R] repeat the column's value by chance, where it normally moves; how often it repeats.
 
-    How often a value repeats is counted outside of the row's own run of equal values; where the value hardly occurs
-    otherwise, the whole column's tendency stands in. Zero tells nothing: a current is zero all through an eclipse.
+    Both 0 to 1; the first is 1 elsewhere. How often a value repeats is counted outside of the row's own run of equal
+    values; where the value hardly occurs otherwise, the whole column's tendency stands in. Zero tells nothing: a
+    current is zero all through an eclipse.
     """
     codes, values = pd.factorize(column)
-    moves = np.zeros(len(codes), dtype=bool)
+    chance = np.ones(len(codes))
     changes = np.append(True, codes[1:] != codes[:-1])
     share = 1.0 - np.count_nonzero(changes[1:]) / max(len(codes) - 1, 1)
     witness = suspect & (codes >= 0)
     if pd.api.types.is_numeric_dtype(column.dtype):
         witness &= column.to_numpy(dtype=float, na_value=np.nan) != 0
     if not witness.any():
-        return moves, share
+        return chance, share
     starts = np.flatnonzero(changes)
     own = np.diff(np.append(starts, len(codes)))[np.cumsum(changes) - 1][witness]
     code = codes[witness]
@@ -82,8 +89,8 @@ def _witness(column: pd.Series, suspect: NDArray[np.bool_]) -> tuple[NDArray[np.
     other_rows, other_runs = len(codes) - own, len(starts) - 1
     column_repeats = np.divide(other_rows - other_runs, other_rows, out=np.ones(len(own)), where=other_rows > 0)
     repeating = (rows - runs + _PRIOR_TRANSITIONS * column_repeats) / (rows + _PRIOR_TRANSITIONS)
-    moves[witness] = repeating < 0.5
-    return moves, share
+    chance[witness] = np.where(repeating < _MOVES, repeating, 1.0)
+    return chance, share
 
 
 def _counts_rows(column: pd.Series) -> bool:
