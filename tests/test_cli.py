@@ -252,6 +252,20 @@ def test_lint_advises_against_correlated_noise_alone_on_a_quantised_channel(tmp_
     assert "'sun' drives the simulator and has no sample for 9.0 min" in result.output
 
 
+@pytest.mark.parametrize("average", [None, "5 min"])
+def test_lint_tells_of_a_time_to_leave_out_in_which_no_sample_is(tmp_path, average):
+    written = small.content()
+    spans = [("2024-03-01T01:00:30", "2024-03-01T01:01:20"), ("2025-03-01T01:00:00", "2025-03-01T01:30:00")]
+    written["telemetry"]["channels"]["body_temp"]["leave_out"] = [{"start": own[0], "end": own[1]} for own in spans]
+    if average is not None:
+        written["telemetry"]["average"] = average
+    small.load(tmp_path, written)
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    assert result.output.count("advice: telemetry.channels.body_temp: no sample is from 2025-03-01T01:00:00 to") == 1
+    assert result.output.count("which 'leave_out' names") == 1
+
+
 def test_a_full_memory_is_a_message_with_the_size(monkeypatch, tmp_path):
     def too_much(path, **_):
         raise MemoryError("Unable to allocate 447. GiB for an array")

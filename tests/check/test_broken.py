@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
+from ruamel.yaml import YAML
 
 from flightcal.check.broken import broken
 from flightcal.scenario import load_scenario
+from flightcal.scenario.telemetry import Span
 from flightcal.telemetry import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -113,6 +116,21 @@ def test_spikes_that_come_now_and_then_are_told_from_noise():
     own = found(values)
     assert (own.kind, own.title) == ("spike", "body_temp has 5 spikes")
     assert np.flatnonzero(own.useless).tolist() == hit
+
+
+def test_a_sensor_that_is_broken_for_a_time_is_told_with_what_leaves_that_time_out():
+    stuck, spike, copied = telemetry(), telemetry(), telemetry()
+    stuck[100:140] = stuck[100]
+    spike[[57, 121]] += 40.0
+    copied[90:160] = copied[20:90]
+    for values in (stuck, spike, copied):
+        own = found(values)
+        text, _, place = own.advice.removeprefix("Leave it out: '").partition("' of ")
+        assert place == "body_temp in 'telemetry: channels'"
+        written = TypeAdapter(tuple[Span, ...]).validate_python(YAML(typ="safe").load(text)["leave_out"])
+        assert len(written) == (2 if own.kind == "spike" else 1)
+        within = [(np.datetime64(span.start) <= TIMES) & (np.datetime64(span.end) >= TIMES) for span in written]
+        np.testing.assert_array_equal(np.any(within, axis=0), own.useless)
 
 
 def test_the_last_sample_before_a_gap_is_no_spike():

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
-from flightcal.telemetry import read_telemetry
+from flightcal.telemetry import quality_table, read_telemetry
 
 from .files import CHANNELS, frame, read, seconds, specification
 
@@ -63,6 +63,40 @@ def test_readings_that_are_all_beyond_a_curve_are_told_as_the_file_has_them(tmp_
     curve = [[1000, "60 degC"], [3000, "-20 degC"]]
     with pytest.raises(TelemetryError, match="4000 to 4095, expected 1000 to 3000"):
         read(tmp_path, table, channels={"battery": {"column": "ADC", "kind": "temperature", "curve": curve}})
+
+
+def left_out(*spans):
+    """The channels, the first of which leaves out times from s to s after the first row."""
+    written = [dict(zip(("start", "end"), map(str, seconds(*span)), strict=True)) for span in spans]
+    return {**CHANNELS, "battery": CHANNELS["battery"] | {"leave_out": written}}
+
+
+def test_samples_of_times_that_are_left_out_are_not_used_ends_included(tmp_path: Path):
+    table = frame(20)
+    whole, dataset = read(tmp_path, table), read(tmp_path, table, channels=left_out((120, 300), (540, 540)))
+    without = [2, 3, 4, 5, 9]
+    assert np.flatnonzero(dataset["flags"].sel(channel="battery")).tolist() == without
+    assert (dataset["flags"].sel(channel="battery")[without] == 64).all()
+    assert np.isnan(dataset["battery"][without]).all()
+    kept = np.setdiff1d(np.arange(20), without)
+    xr.testing.assert_equal(dataset["battery"][kept], whole["battery"][kept])
+    xr.testing.assert_equal(dataset["sun"], whole["sun"])
+    (record,) = (own for own in quality_table(dataset) if own.channel == "battery")
+    assert (record.finding, record.samples) == ("left_out", 5)
+
+
+def test_a_mean_is_of_the_samples_that_are_not_left_out(tmp_path: Path):
+    table = frame(60, 10.0)
+    dataset = read(tmp_path, table, channels=left_out((0, 10), (60, 110)), average="60 s")
+    expected = table["TT_BAT"][2:6].mean() + 273.15
+    assert dataset["battery"][0] == pytest.approx(expected)
+    assert np.isnan(dataset["battery"][1])
+    assert dataset["flags"].sel(channel="battery")[:3].to_numpy().tolist() == [0, 80, 0]
+
+
+def test_a_channel_of_which_all_is_left_out_is_an_error(tmp_path: Path):
+    with pytest.raises(TelemetryError, match=r"'battery'.*no valid sample \(20 left out\)"):
+        read(tmp_path, frame(20), channels=left_out((0, 1200)))
 
 
 @MANY
@@ -244,9 +278,9 @@ def test_the_dataset_survives_netcdf(tmp_path: Path, average: str | None):
         assert restored["flags"].dtype == np.uint8
         assert (
             restored["flags"].attrs["flag_meanings"]
-            == "missing invalid_marker out_of_range stale few_samples other_packet"
+            == "missing invalid_marker out_of_range stale few_samples other_packet left_out"
         )
-        np.testing.assert_array_equal(restored["flags"].attrs["flag_masks"], [1, 2, 4, 8, 16, 32])
+        np.testing.assert_array_equal(restored["flags"].attrs["flag_masks"], [1, 2, 4, 8, 16, 32, 64])
         assert restored["battery"].attrs == dataset["battery"].attrs
         assert {name: restored.attrs[name] for name in dataset.attrs} == dataset.attrs
 

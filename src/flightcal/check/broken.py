@@ -134,7 +134,8 @@ def _spikes(channel: str, times: NDArray[np.datetime64], own: FloatArray, modell
         "spike", channel, f"{channel} has {what}",
         f"At {moment(times[first])} UTC it reads {number(float(own[first]) - ICE_POINT, 3)} degC, "
         f"{number(float(height[first]), 2)} K away from the samples around it.",
-        f"Leave it out with a narrower 'valid_range' of {channel}", high,
+        _leave_out(channel, times, high) if high.sum() <= _MOST_SPIKES
+        else f"Leave them out with a narrower 'valid_range' of {channel}", high,
     )  # fmt: skip
 
 
@@ -189,11 +190,12 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
         words = f"then it jumps by {number(jump, 2)} K"
     else:
         return None
+    useless = _between(own, first, last + 1)
     whole = "throughout" if not len(others) else f"from {moment(times[first])} UTC to {moment(times[last])} UTC"
     return Broken(
         "stuck", channel, f"{channel} is stuck",
         f"It reads {number(float(own[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; {words}.",
-        f"Leave {channel} out of 'observations', or that time out of the window", _between(own, first, last + 1),
+        _leave_out(channel, times, useless) if len(others) else f"Leave {channel} out of 'observations'", useless,
     )  # fmt: skip
 
 
@@ -220,11 +222,22 @@ def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, mod
     likely += [float(outside.mean())] if len(outside) >= _COPIED else []
     if max(likely) ** count > _CHANCE:
         return None
+    useless = _between(own, first, last)
     return Broken(
         "repeating", channel, f"{channel} repeats itself",
         f"{last - first} samples from {moment(times[first])} UTC on are exactly those of {lag} samples before.",
-        f"Leave {channel} out of 'observations', or that time out of the window", _between(own, first, last),
+        _leave_out(channel, times, useless), useless,
     )  # fmt: skip
+
+
+def _leave_out(channel: str, times: NDArray[np.datetime64], useless: NDArray[np.bool_]) -> str:
+    """Advice to leave samples out of a channel's at times [T]; half a sample longer, for a mean is of such a time."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], useless.astype(int), [0]]))).reshape(-1, 2)
+    half = np.median(np.diff(times)) // 2
+    ends = (np.datetime_as_string([times[first] - half, times[end - 1] + half], unit="ms") for first, end in edges)
+    texts = (tuple(str(own).removesuffix(".000") for own in pair) for pair in ends)
+    spans = ", ".join(f"{{start: {start}, end: {end}}}" for start, end in texts)
+    return f"Leave it out: 'leave_out: [{spans}]' of {channel} in 'telemetry: channels'"
 
 
 def _between(values: FloatArray, first: int, end: int) -> NDArray[np.bool_]:

@@ -83,6 +83,15 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
             f"write 'average: {length:g} s' below 'telemetry:': means tell as much of temperatures that change in "
             "minutes, and calibration takes a fraction of the time and memory"
         )
+    times, half = data["time"].values, np.timedelta64(round(5e8 * data.attrs.get("average_s", 0.0)), "ns")
+    for channel, own in scenario.telemetry.channels.items():
+        for span in own.leave_out:
+            start, end = np.datetime64(span.start) - half, np.datetime64(span.end) + half
+            if not ((times >= start) & (times <= end)).any():
+                yield (
+                    f"telemetry.channels.{channel}: no sample is from {span.start.isoformat()} to "
+                    f"{span.end.isoformat()}, which 'leave_out' names; check its dates"
+                )
     for channel, item in scenario.observations.items():
         on = data[channel].values[np.isfinite(data[channel].values)]
         if item.heater is not None and len(on) and (on == on[0]).all():

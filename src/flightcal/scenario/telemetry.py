@@ -20,6 +20,7 @@ from .fields import (
     Names,
     Number,
     Range,
+    Time,
     TimeFormat,
     of_length,
 )
@@ -63,6 +64,19 @@ CurvePoint = Annotated[
 ]
 
 
+class Span(Block):
+    """A stretch of time, both ends in it."""
+
+    start: Time
+    end: Time
+
+    @model_validator(mode="after")
+    def _goes_forward(self) -> Span:
+        if self.end < self.start:
+            raise ValueError(f"found end {self.end.isoformat()}, expected none before {self.start.isoformat()}")
+        return self
+
+
 class Channel(Block):
     """One telemetry channel: its column (or several, combined), unit, and what counts as invalid."""
 
@@ -95,6 +109,8 @@ class Channel(Block):
     """Of `bits`: that of words without 0x or 0b before them; null: 10."""
     stale_after: Annotated[Count, Field(ge=2)] | None = 6
     """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
+    leave_out: tuple[Span, ...] = ()
+    """Times of which no sample is used, such as those of a sensor that is stuck or has a spike."""
     fill: Literal["interpolate", "previous_orbit", "hold"] = "interpolate"
     """For a driver: how its gaps are bridged; hold: it has no gaps, for each value stays until the next sample."""
 

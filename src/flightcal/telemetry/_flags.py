@@ -23,9 +23,11 @@ class Flag(IntFlag):
     """Block average: fewer than half of the block's samples can be used."""
     OTHER_PACKET = 32
     """Not wrong: the time is that of another packet, and the channel's own has no row there."""
+    LEFT_OUT = 64
+    """The scenario leaves the time out (`leave_out`)."""
 
 
-SAMPLE_FLAGS = (Flag.MISSING, Flag.INVALID_MARKER, Flag.OUT_OF_RANGE, Flag.STALE)
+SAMPLE_FLAGS = (Flag.MISSING, Flag.INVALID_MARKER, Flag.OUT_OF_RANGE, Flag.STALE, Flag.LEFT_OUT)
 """Flags that single samples of the file carry."""
 
 Flags = NDArray[np.uint8]

@@ -120,7 +120,8 @@ def _read_packet(
     converted, flags = rows.values[order.kept], rows.flags[order.kept]
     repeated = repeats(rows.content.keys[order.kept], rows.content.repeating[order.kept])
     stale = _stale(repeated, channels) & (flags & Flag.MISSING == 0)
-    flags = np.where(stale, flags | Flag.STALE, flags).astype(np.uint8)
+    left_out = _left_out(times, channels) & (flags & Flag.MISSING == 0)
+    flags |= np.where(stale, Flag.STALE, 0).astype(np.uint8) | np.where(left_out, Flag.LEFT_OUT, 0).astype(np.uint8)
     _check_valid(", ".join(packet.file), channels, conversions, converted, flags)
     conflict_times = order.conflicts[:10].astype("datetime64[ns]")
     attributes = {
@@ -291,6 +292,16 @@ def _stale(repeated: NDArray[np.int64], channels: dict[str, Channel]) -> NDArray
     """Whether a row only repeats the one before it, [T, C]: each channel has its own `stale_after`."""
     limits = np.array([channel.stale_after or np.inf for channel in channels.values()])
     return (repeated > 0)[:, np.newaxis] & (repeated[:, np.newaxis] >= limits)
+
+
+def _left_out(times: Nanoseconds, channels: dict[str, Channel]) -> NDArray[np.bool_]:
+    """Whether the scenario leaves a sample out, [T, C]."""
+    found = np.zeros((len(times), len(channels)), dtype=bool)
+    at = times.astype("datetime64[ns]")
+    for i, channel in enumerate(channels.values()):
+        for span in channel.leave_out:
+            found[:, i] |= (at >= np.datetime64(span.start)) & (at <= np.datetime64(span.end))
+    return found
 
 
 def _check_valid(
