@@ -61,6 +61,7 @@ from .network import (
     Face,
     FaceNormal,
     Heater,
+    Load,
     ModeChange,
     Node,
     ReducedNumber,

@@ -67,5 +67,27 @@ def test_two_drivers_that_are_exchanged_are_named(tmp_path):
     assert first.title == "The drivers bus and sun are exchanged"
 
 
+def with_a_table(folder, *factors):
+    """The satellite with a camera that is off, waits or works, and telemetry of it with the factors 0, 0.3 and 1."""
+    written = small.content()
+    written["telemetry"]["channels"]["state"] = {"column": "state", "kind": "driver", "unit": "1", "fill": "hold"}
+    camera = {"node": "body", "driver": "state", "coefficient": "20 W", "table": [[0, 0], [1, 0.3], [2, 1]]}
+    written["simulator"]["loads"]["camera"] = camera
+    state = np.resize(np.repeat([0, 1, 2, 1, 0, 2], [20, 15, 9, 12, 17, 6]), 421)
+    _, data = small.closed_loop(folder, written, columns={"state": state})
+    camera["table"] = [[place, factor] for place, factor in enumerate(factors)]
+    return small.load(folder, written, columns={"state": state})[0], data
+
+
+def test_factors_of_a_table_that_are_exchanged_are_named(tmp_path):
+    (only,) = named(*with_a_table(tmp_path, 0.0, 1.0, 0.3))
+    assert only.title == "Two factors in the table of load camera are exchanged"
+    assert only.sentence.startswith("With 0.3 at 1 and 1 at 2,")
+
+
+def test_nothing_is_said_of_a_table_that_is_right(tmp_path):
+    assert named(*with_a_table(tmp_path, 0.0, 0.3, 1.0)) == ()
+
+
 def test_nothing_is_said_of_two_drivers_that_are_right(tmp_path):
     assert named(*with_a_bus(tmp_path)) == ()

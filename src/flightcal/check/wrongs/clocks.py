@@ -35,6 +35,8 @@ _ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 
 """s, between a time zone and UTC."""
 _WHOLE_ORBITS = 4.0
 """Times less likely is a clock that is off by more than half an orbit: the same with an orbit less fits as well."""
+_NARROWER = 0.25
+"""How much nearer to the best shift so far the next ones are looked for."""
 _NEAR = 0.48
 """Hours from the middle between two whole ones: about a minute from one of them."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
@@ -43,8 +45,11 @@ _HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
 """s, by which a packet may be of another zone; of one channel so much explains what is slow."""
 
 
-def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterator[Wrong]:
-    """All time tags are late (positive) or early, by more than what lies between two samples of a driver."""
+def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS, apart: float = SHIFT) -> Iterator[Wrong]:
+    """All time tags are late (positive) or early, by more than what lies between two samples of a driver.
+
+    Here and below apart is how far around a shift that helps others are tried.
+    """
     least = view.apart(load.driver for load in view.window.scenario.network.loads.values())
     for late in map(float, seconds):
         if abs(late) < least:
@@ -56,7 +61,7 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterat
             f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
         )
         less = late - round(late / view.window.period) * view.window.period
-        near = partial(clocks, view, np.union1d(closer(late, SHIFT), closer(less, SHIFT)))
+        near = partial(clocks, view, np.union1d(closer(late, apart), closer(less, apart)), _NARROWER * apart)
         tries = len(SHIFTS) * (_WHOLE_ORBITS if abs(late) > 0.5 * view.window.period else 1.0)
         yield from driven_otherwise("clock", "time", words, view, tries=tries, closer=near, sunlight=late, modes=late)
 
@@ -102,7 +107,9 @@ def _about_rate(view: View, share: float) -> Iterator[Wrong]:
         yield from rates(view, share * np.array([0.6, 0.8, 1.0, 1.25, 1.6]), float(late))
 
 
-def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS) -> Iterator[Wrong]:
+def status_clocks(
+    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, apart: float = SHIFT
+) -> Iterator[Wrong]:
     """The heaters' status is late or early beside the temperatures, by more than what lies between two samples."""
     channels = status_channels(view)
     if not channels:
@@ -118,7 +125,7 @@ def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFT
             "on.",
             f"Check the time tags of {listed(list(channels.values()))}",
         )
-        near = partial(status_clocks, view, closer(late, 240.0))
+        near = partial(status_clocks, view, closer(late, apart), _NARROWER * apart)
         yield from driven_otherwise(
             "status clock", "status", words, view, tries=len(_FEW_SHIFTS), closer=near, telemetry=data
         )
@@ -137,7 +144,10 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 
 def channel_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, groups: Sequence[Sequence[str]] | None = None
+    view: View,
+    seconds: Sequence[float] | FloatArray = _FEW_SHIFTS,
+    groups: Sequence[Sequence[str]] | None = None,
+    apart: float = SHIFT,
 ) -> Iterator[Wrong]:
     """Time tags of a channel, or of a group of them, are late or early, by more than lies between two samples."""
     known = view.channels if len(view.channels) > 1 else ()
@@ -154,19 +164,19 @@ def channel_clocks(
                 f"Moved by {minutes(late)}, {listed(own)} alone, all channels agree with the model.",
                 f"Check the time tags of {listed(own)}; or write 'time_offset: {-late:.0f} s' in 'observations' there",
             )
-            near = partial(_channels_like, view, own, late)
+            near = partial(_channels_like, view, own, late, apart)
             tries = len(_FEW_SHIFTS) * comb(len(known), len(own))
             smoothed = view.smoothed(late, own)
             yield Wrong("channel clock", " ".join(own), words, observed, tries=tries, smoothed=smoothed, closer=near)
 
 
-def _channels_like(view: View, own: Sequence[str], late: float) -> Iterator[Wrong]:
+def _channels_like(view: View, own: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
     """About as late, and as late with one more channel: those of one unit are late together."""
-    yield from channel_clocks(view, closer(late, 240.0), [own])
+    yield from channel_clocks(view, closer(late, apart), [own], _NARROWER * apart)
     others = [name for name in view.channels if name not in own]
     # All of them are the telemetry's clock.
     if len(others) > 1:
-        yield from channel_clocks(view, [late], [[*own, name] for name in others])
+        yield from channel_clocks(view, [late], [[*own, name] for name in others], apart)
 
 
 def _moved(view: View, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:
@@ -178,7 +188,10 @@ def _moved(view: View, moved: FloatArray, own: Sequence[int]) -> FloatArray | No
 
 
 def packet_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = (*_FEW_SHIFTS, *_HOURS), only: str | None = None
+    view: View,
+    seconds: Sequence[float] | FloatArray = (*_FEW_SHIFTS, *_HOURS),
+    only: str | None = None,
+    apart: float = SHIFT,
 ) -> Iterator[Wrong]:
     """Time tags of a packet are late or early: of its temperatures, status and drivers, beside all that is not its."""
     scenario = view.window.scenario
@@ -207,7 +220,7 @@ def packet_clocks(
             f"Moved by {minutes(late)}, this packet alone, all channels agree with the model.",
             f"Check the time column of packet {packet}: its zone, its epoch, its leap seconds",
         )
-        near = partial(packet_clocks, view, closer(late, 240.0), packet)
+        near = partial(packet_clocks, view, closer(late, apart), packet, _NARROWER * apart)
         tries = len(_FEW_SHIFTS) * len(packets)
         smoothed = view.smoothed(late, temperatures)
         about = " ".join(own)
@@ -215,7 +228,7 @@ def packet_clocks(
 
 
 def driver_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None
+    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None, apart: float = SHIFT
 ) -> Iterator[Wrong]:
     """Time tags of a driver are late or early, by more than what lies between two of its samples."""
     drivers = _drivers(view)
@@ -231,7 +244,7 @@ def driver_clocks(
             f"Temperatures follow it {minutes(late)} {'before' if late > 0 else 'after'} it changes.",
             f"Check the time tags of {driver}",
         )
-        near = partial(driver_clocks, view, closer(late, 240.0), driver)
+        near = partial(driver_clocks, view, closer(late, apart), driver, _NARROWER * apart)
         tries = len(_FEW_SHIFTS) * len(drivers)
         yield Wrong("driver clock", driver, words, window=window, tries=tries, closer=near)
 
@@ -255,7 +268,7 @@ def _with_late(view: View, channels: Collection[str], late: float) -> Window:
     inputs, grid = simulator.drive.inputs.copy(), simulator.drive.times
     for name, load in scenario.network.loads.items():
         if load.driver in channels:
-            put(inputs, columns, grid, {f"driver.{name}": load_series(view, name, load.driver, grid + late)}, grid)
+            put(inputs, columns, grid, {f"driver.{name}": load_series(view, load, load.driver, grid + late)}, grid)
     return replace(window, simulator=replace(simulator, drive=replace(simulator.drive, inputs=inputs)))
 
 

@@ -11,12 +11,15 @@ import numpy as np
 from ...errors import FlightcalError
 from ...problem import Window
 from ...report import number
-from ...scenario import load_coefficient
+from ...scenario import Load, load_coefficient
 from ...simulator import FloatArray
 from ..evidence import Fit
 from ..sunlight import FINE
 from ..view import View, pieces
 from .wrong import FACTORS, FEW_TIMES, LACKED, PIECES, POWER, Words, Wrong, flow_through, load_series, put
+
+_MOST_POINTS = 6
+"""Of a table, any two of which may be exchanged."""
 
 
 def drivers(view: View) -> Iterator[Wrong]:
@@ -114,44 +117,69 @@ def _of_driver(driver: str, load: str, times: float) -> Words:
 def other_columns(view: View) -> Iterator[Wrong]:
     """A load follows another driver than the scenario says, or two loads each other's."""
     scenario = view.window.scenario
-    loads = {name: load.driver for name, load in scenario.network.loads.items()}
+    loads = scenario.network.loads
     measured = [name for name, channel in scenario.telemetry.channels.items() if channel.kind == "driver"]
-    others = [(load, channel) for load, own in loads.items() for channel in measured if channel != own]
-    for load, channel in others:
+    others = [(name, channel) for name, load in loads.items() for channel in measured if channel != load.driver]
+    for name, channel in others:
+        own = loads[name].driver
         words = Words(
-            f"Load {load} follows {channel}, not {loads[load]}",
-            f"With {channel} as its driver, the heat of load {load} explains the telemetry.",
-            f"Check 'driver' of load {load}, and which columns {channel} and {loads[load]} are",
+            f"Load {name} follows {channel}, not {own}",
+            f"With {channel} as its driver, the heat of load {name} explains the telemetry.",
+            f"Check 'driver' of load {name}, and which columns {channel} and {own} are",
         )
-        yield from _following(view, {load: channel}, words, len(others))
-    pairs = [(a, b) for a, b in combinations(loads, 2) if loads[a] != loads[b]]
+        yield from _driven(view, {name: (loads[name], channel)}, words, len(others))
+    pairs = [(a, b) for a, b in combinations(loads, 2) if loads[a].driver != loads[b].driver]
     for a, b in pairs:
+        first, second = loads[a].driver, loads[b].driver
         words = Words(
-            f"The drivers {loads[a]} and {loads[b]} are exchanged",
-            f"With {loads[b]} as the driver of load {a}, and {loads[a]} of {b}, the model explains the telemetry.",
-            f"Check which columns {loads[a]} and {loads[b]} are, and 'driver' of loads {a} and {b}",
+            f"The drivers {first} and {second} are exchanged",
+            f"With {second} as the driver of load {a}, and {first} of {b}, the model explains the telemetry.",
+            f"Check which columns {first} and {second} are, and 'driver' of loads {a} and {b}",
         )
-        yield from _following(view, {a: loads[b], b: loads[a]}, words, len(pairs))
+        yield from _driven(view, {a: (loads[a], second), b: (loads[b], first)}, words, len(pairs))
 
 
-def _following(view: View, drivers_of: Mapping[str, str], words: Words, tries: float) -> Iterator[Wrong]:
-    """Some loads follow other drivers; nothing where a driver is in another unit than the one that is written."""
+def tables(view: View) -> Iterator[Wrong]:
+    """Two factors in the table of a load are each other's."""
+    loads = {name: load for name, load in view.window.scenario.network.loads.items() if load.table}
+    tried = [
+        (name, a, b)
+        for name, load in loads.items()
+        if len(load.table) <= _MOST_POINTS
+        for a, b in combinations(range(len(load.table)), 2)
+        if load.table[a][1] != load.table[b][1]
+    ]
+    for name, a, b in tried:
+        load, table = loads[name], list(loads[name].table)
+        (first, factor), (second, other) = table[a], table[b]
+        table[a], table[b] = (first, other), (second, factor)
+        one, two = (place if isinstance(place, str) else f"{place:g}" for place in (first, second))
+        words = Words(
+            f"Two factors in the table of load {name} are exchanged",
+            f"With {other:g} at {one} and {factor:g} at {two}, load {name} explains the telemetry.",
+            f"Check 'table' of load {name}",
+        )
+        changed = load.model_copy(update={"table": tuple(table)})
+        yield from _driven(view, {name: (changed, load.driver)}, words, len(tried))
+
+
+def _driven(view: View, by: Mapping[str, tuple[Load, str]], words: Words, tries: float) -> Iterator[Wrong]:
+    """Some loads are others, by other drivers; nothing where one is in another unit than that which is written."""
     scenario, drive = view.window.scenario, view.network.drive
     inputs, fine = drive.inputs.copy(), np.union1d(np.arange(0.0, drive.times[-1], FINE), drive.times)
-    for name, channel in drivers_of.items():
-        load, known = scenario.network.loads[name], scenario.telemetry.channels
+    for name, (load, channel) in by.items():
+        known = scenario.telemetry.channels
         try:
             written, other = (load_coefficient(load, known[own]) for own in (load.driver, channel))
             if written != other:
                 return
-            series = load_series(view, name, channel, fine)
+            series = load_series(view, load, channel, fine)
         except (FlightcalError, ValueError):
             return
         put(inputs, view.network.network.columns, fine, {f"driver.{name}": series}, drive.times)
-    yield Wrong(
-        "driver", " ".join((*drivers_of, *drivers_of.values())), words, window=view.with_inputs(inputs), tries=tries
-    )
+    about = " ".join((*by, *(channel for _, channel in by.values())))
+    yield Wrong("driver", about, words, window=view.with_inputs(inputs), tries=tries)
 
 
-WRONGS = (drivers, other_columns)
+WRONGS = (drivers, other_columns, tables)
 """What looks for them."""

@@ -12,7 +12,7 @@ import xarray
 
 from ...errors import FlightcalError
 from ...problem import Window
-from ...scenario import ModeChange, Scenario, load_driver
+from ...scenario import Load, ModeChange, Scenario, load_driver
 from ...simulator import FloatArray, SimulationFailure, divided, in_steps
 from ...telemetry import driver_series, status_fraction
 from ..evidence import AS_READ, Fit, Scale
@@ -185,7 +185,7 @@ def flow_through(view: View, node: str) -> float:
     return float(view.heat.flow[view.heat.nodes.index(node)]) if node in view.heat.nodes else 0.0
 
 
-def load_series(view: View, load: str, channel: str, seconds: FloatArray) -> FloatArray:
+def load_series(view: View, load: Load, channel: str, seconds: FloatArray) -> FloatArray:
     """[M] what a load makes of a driver's channel at seconds [M] of its time; outside of its samples it stays.
 
     Raises TelemetryError.
@@ -194,7 +194,7 @@ def load_series(view: View, load: str, channel: str, seconds: FloatArray) -> Flo
     times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[channel].to_numpy())]
     at = np.clip(view.utc(seconds), times[0], times[-1])
     values = driver_series(view.telemetry, channel, at, fill=written.fill, period=view.window.period)
-    return load_driver(view.window.scenario.network.loads[load], written)(values)
+    return load_driver(load, written)(values)
 
 
 def put(
