@@ -11,6 +11,7 @@ from flightcal.prediction import predict
 from flightcal.prediction.errors import FirstErrors, WhiteErrors, window_errors
 from flightcal.prediction.initial import condition_initial
 from flightcal.probability.noise.ar1 import TIME as MEMORY
+from flightcal.probability.noise.shaped import Shaped
 from flightcal.problem import build_problem, build_window
 
 from .. import small
@@ -31,7 +32,8 @@ def made(folder, order="after", discrepancy=DISCREPANCY, noise=NOISE):
     written["windows"] = {"train": train, "test": test}
     written["noise"] = noise
     written["observations"]["panel_temp"].pop("noise")
-    written["discrepancy"] = discrepancy
+    if discrepancy is not None:
+        written["discrepancy"] = discrepancy
     scenario, data = small.closed_loop(folder, written)
     # An error for the discrepancy to find, in all windows.
     turns = 2 * np.pi * (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s") / small.PERIOD
@@ -246,6 +248,31 @@ def test_initial_temperatures_are_less_sure_where_the_first_samples_err_together
         condition_initial(first, thetas, law, np.random.default_rng(0))[:, panel].std() for law in (errors, apart)
     )
     assert together > 1.5 * alone
+
+
+class Apart(Shaped):
+    """Noise of a known shape of which that is not known."""
+
+    has_known_shape = False
+
+
+def test_noise_of_a_known_shape_is_told_by_the_first_samples_as_any_other(tmp_path):
+    scenario, data = made(tmp_path, discrepancy=None)
+    train, window = build_problem(scenario, data), build_window(scenario, data, "test")
+    thetas = np.tile(truth(train), (5, 1))
+    temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
+    errors, found = window_errors(train, window, thetas, FIRST), []
+    numbers = np.random.default_rng(1).uniform(0.05, 0.4, (5, 2, 1))
+    for kind in (Shaped, Apart):
+        kinds = (kind(480.0, 0.5), kind(0.0, 1.0))
+        of_train = errors.train.with_known_shape(kinds, {})
+        own = replace(errors, train=of_train, numbers=numbers, at_start=np.full((5, 2), 0.3))
+        assert set(own.alike) == (set() if kind is Apart else {0, 1})
+        law, drawn = own.at_first(), own.draw(temperatures, np.random.default_rng(3))
+        found.append((law.factors, drawn.mean, drawn.noise, drawn.white))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-10)
+    assert np.abs(found[0][1]).max() > 0.05
 
 
 def test_of_dense_first_samples_an_even_part_tells(case, monkeypatch):

@@ -15,8 +15,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve
 
-from ..probability import ResidualModel, weights_given
+from ..probability import DEVIATION, ResidualModel, weights_given
 from ..problem import Problem, Window
 from ..simulator import FloatArray, IntArray, Trajectory
 from .duty import duty_errors
@@ -129,40 +130,62 @@ class WindowErrors:
 
     # --- the first samples ------------------------------------------------------------------------------------
 
-    def covariances(self, draw: int, channel: int, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def covariances(self, numbers: FloatArray, channel: int, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Covariance with the first samples that tell of the discrepancy and of correlated noise, [T, F] each, K^2.
 
-        factor: [m, m] of the weights' covariance, of the channel.
+        numbers: [n] of the channel's noise; factor: [m, m] of the weights' covariance, of the channel.
         """
         told = self.telling
         discrepancy = np.zeros((len(self.seconds), len(told)))
         if self.model.terms.discrepant[channel]:
             discrepancy = self.basis @ (factor @ (self.basis[told] @ factor).T)
         apart = self.seconds[:, None] - self.seconds[told]
-        return discrepancy, self.model.terms.kinds[channel].covariance(self.numbers[draw, channel], apart)
+        return discrepancy, self.model.terms.kinds[channel].covariance(numbers, apart)
 
     def at_first(self) -> FirstErrors:
         """The law of the first samples' errors, in which initial temperatures are estimated."""
         draws, channels = self.numbers.shape[:2]
         mean = np.zeros((draws, self.first, channels))
         factors = np.zeros((channels, draws, len(self.telling), len(self.telling)))
-        for s in range(draws):
+        for k, alike in self.alike.items():
+            factors[k] = self.numbers[:, k, DEVIATION, None, None] * alike.factor
+            missing = np.flatnonzero(~self.told[:, k])
+            factors[k][:, missing, missing] = 1.0
+        others = [k for k in range(channels) if k not in self.alike]
+        for s in range(draws) if others else ():
             weights, factor = self.weights(s)
-            for k in range(channels):
+            for k in others:
                 if self.model.terms.discrepant[k]:
                     mean[s, :, k] = self.basis[: self.first] @ weights[k]
-                discrepancy, noise = self.covariances(s, k, factor[k])
-                factors[k, s] = self._factor(s, k, discrepancy, noise)
+                numbers = self.numbers[s, k]
+                factors[k, s] = self._factor(numbers, k, *self.covariances(numbers, k, factor[k]))
         return FirstErrors(mean, factors, self.telling)
 
-    def _factor(self, draw: int, channel: int, discrepancy: FloatArray, noise: FloatArray) -> FloatArray:
+    @cached_property
+    def told(self) -> NDArray[np.bool_]:
+        """[F, N] whether there is telemetry at the first samples that tell."""
+        return np.asarray(np.isfinite(self.window.observed[self.telling]))
+
+    def _factor(self, numbers: FloatArray, channel: int, discrepancy: FloatArray, noise: FloatArray) -> FloatArray:
         """Cholesky factor [F, F] of the covariance of the samples that tell; what is not valid stands apart."""
-        valid = np.isfinite(self.window.observed[self.telling, channel])
+        valid = self.told[:, channel]
         total = (discrepancy + noise)[self.telling]
         total = np.where(valid[:, None] & valid, total, 0.0)
-        white = self.model.terms.kinds[channel].white_variance(self.numbers[draw, channel])
+        white = self.model.terms.kinds[channel].white_variance(numbers)
         total[np.diag_indices(len(total))] += np.where(valid, white, 1.0)
         return np.asarray(np.linalg.cholesky(total))
+
+    @cached_property
+    def alike(self) -> dict[int, Alike]:
+        """Of channels without discrepancy whose noise has a known shape."""
+        terms, found = self.model.terms, {}
+        for k, kind in enumerate(terms.kinds):
+            if kind.has_known_shape and not terms.discrepant[k]:
+                unit = np.ones(1)
+                none, noise = self.covariances(unit, k, np.empty((0, 0)))
+                factor = self._factor(unit, k, none, noise)
+                found[k] = Alike(factor, np.asarray(cho_solve((factor, True), noise.T).T) * self.told[:, k])
+        return found
 
     # --- drawing ------------------------------------------------------------------------------------------------
 
@@ -171,12 +194,18 @@ class WindowErrors:
         discrepancy, mean = np.zeros(temperatures.shape), np.zeros(temperatures.shape)
         weights = [self.weights(s) for s in range(len(temperatures))]
         for s, (expected, factor) in enumerate(weights):
-            for k in np.flatnonzero(self.model.terms.discrepant):
+            for k in np.flatnonzero(self.model.terms.discrepant).tolist():
                 drawn = expected[k] + factor[k] @ rng.standard_normal(len(expected[k]))
                 mean[s, :, k], discrepancy[s, :, k] = self.basis @ expected[k], self.basis @ drawn
         errors = Drawn(mean, discrepancy, *self._noise(rng))
-        for s, (_, factor) in enumerate(weights):
-            self._correct(s, factor, temperatures[s], errors)
+        for k, alike in self.alike.items():
+            residual = self.window.observed[self.telling, k] - temperatures[:, self.telling, k]
+            drawn = (errors.noise + errors.white)[:, self.telling, k]
+            errors.mean[:, :, k] += np.nan_to_num(residual) @ alike.gain.T
+            errors.noise[:, :, k] += np.nan_to_num(residual - drawn) @ alike.gain.T
+        others = [k for k in range(temperatures.shape[2]) if k not in self.alike]
+        for s, (_, factor) in enumerate(weights if others else []):
+            self._correct(s, others, factor, temperatures[s], errors)
         return errors
 
     def _noise(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -195,15 +224,18 @@ class WindowErrors:
                     noise[s, :, k] += fades * (kept * self.at_start[s, k] + (np.sqrt(1 - kept**2) - 1) * noise[s, 0, k])
         return noise, white
 
-    def _correct(self, draw: int, factors: FloatArray, temperatures: FloatArray, errors: Drawn) -> None:
-        """Correct one draw, simulated temperatures [T, N], for the residuals of the first samples; in place."""
+    def _correct(
+        self, draw: int, channels: Sequence[int], factors: FloatArray, temperatures: FloatArray, errors: Drawn
+    ) -> None:
+        """Correct some channels of one draw, simulated temperatures [T, N], for the residuals of the first samples."""
         told = self.telling
         mean, discrepancy, noise, white = (
             part[draw] for part in (errors.mean, errors.discrepancy, errors.noise, errors.white)
         )
-        for k in range(temperatures.shape[1]):
-            of_discrepancy, of_noise = self.covariances(draw, k, factors[k])
-            factor = self._factor(draw, k, of_discrepancy, of_noise)
+        for k in channels:
+            numbers = self.numbers[draw, k]
+            of_discrepancy, of_noise = self.covariances(numbers, k, factors[k])
+            factor = self._factor(numbers, k, of_discrepancy, of_noise)
             residual = self.window.observed[told, k] - temperatures[told, k]
             valid = np.isfinite(residual)
             missing = np.stack([residual - mean[told, k], residual - (discrepancy + noise + white)[told, k]], axis=1)
@@ -212,6 +244,16 @@ class WindowErrors:
             mean[:, k] += (of_discrepancy + of_noise) @ solved[:, 0]
             discrepancy[:, k] += of_discrepancy @ solved[:, 1]
             noise[:, k] += of_noise @ solved[:, 1]
+
+
+@dataclass(frozen=True)
+class Alike:
+    """What the first samples tell of noise that differs between draws in its size alone."""
+
+    factor: FloatArray
+    """[F, F] Cholesky factor of the covariance of those that tell, of noise of 1 K."""
+    gain: FloatArray
+    """[T, F] what noise is expected for each K of them."""
 
 
 @dataclass(frozen=True)

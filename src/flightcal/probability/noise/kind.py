@@ -116,6 +116,8 @@ class NoiseKind:
     """Of these the size of what is white beside noise with a memory, where there is such a one."""
     has_memory: bool = False
     """Whether a sample's noise tells about the next one's."""
+    has_known_shape: bool = False
+    """Whether it is normal, and its one number its size."""
     kernel: Kernel
     """The likelihood of the noise alone, of a `NoiseCall`."""
     opens: Kernel | None = None

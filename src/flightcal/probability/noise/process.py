@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
+
 import numpy as np
 
 from ...simulator import FloatArray
 
+_LONGEST = 200.0
+"""Correlation times that are summed at once: further back e to their power is no longer a number."""
+
 
 def correlate(innovations: FloatArray, seconds: FloatArray, time: float) -> FloatArray:
     """An Ornstein-Uhlenbeck process [T] at `seconds` [T] from innovations [T] with its stationary scale."""
-    decay = np.exp(-np.diff(seconds) / time)
+    since = (seconds - seconds[0]) / time
     added = innovations.copy()
-    added[1:] *= np.sqrt(1.0 - decay * decay)
-    value, process = 0.0, []
-    # Numbers of Python's own: one after the other, NumPy's take many times as long.
-    for kept, new in zip([0.0, *decay.tolist()], added.tolist(), strict=False):
-        value = kept * value + new
-        process.append(value)
-    return np.array(process)
+    added[1:] *= np.sqrt(-np.expm1(-2.0 * np.diff(since)))
+    process, before = np.empty(len(since)), 0.0
+    for first, end in _pieces(since):
+        if first:
+            added[first] += before * np.exp(since[first - 1] - since[first])
+        grown = np.exp(since[first:end] - since[first])
+        process[first:end] = np.cumsum(grown * added[first:end]) / grown
+        before = process[end - 1]
+    return process
+
+
+def _pieces(since: FloatArray) -> Iterator[tuple[int, int]]:
+    """First places of stretches of times [T], in correlation times, that are summed at once, and their ends."""
+    edges = [0, *(np.flatnonzero(np.diff(since // _LONGEST)) + 1).tolist(), len(since)]
+    return pairwise(edges)
 
 
 def filtered(residual: FloatArray, seconds: FloatArray, deviation: float, time: float, white: float) -> FloatArray:

@@ -26,6 +26,7 @@ class Shaped(NoiseKind):
     """Deviation of the white noise over the process's."""
 
     names = ("standard_deviation",)
+    has_known_shape = True
 
     @property
     def words(self) -> str:  # type: ignore[override]
