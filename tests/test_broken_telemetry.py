@@ -24,7 +24,7 @@ def use(folder: Path, case: dict[str, Any]) -> None:
     """What a run does with telemetry, as far as the case goes."""
     dataset = read_telemetry(TelemetryFile(**case["telemetry"]), folder, period=case.get("period"))
     if "window" in case:
-        select_window(dataset, Window(**case["window"]))
+        select_window(dataset, Window(**case["window"]), called="train")
     if "driver" in case:
         driver_series(dataset, case["driver"]["channel"], np.array([case["driver"]["at"]], dtype="datetime64[ns]"))
 

@@ -45,8 +45,11 @@ def test_a_window_may_reach_one_sampling_interval_beyond_the_telemetry(tmp_path:
 def test_a_window_without_a_valid_sample_is_an_error(tmp_path: Path):
     table = frame(60).astype({"HTR": "Int64"})
     table.loc[10:29, ["TT_BAT", "I_SA", "HTR"]] = np.nan
-    with pytest.raises(TelemetryError, match="found 20 samples, none valid"):
-        select_window(read(tmp_path, table), Window(start=AT, end=datetime(2024, 3, 1, 0, 30)))
+    window = Window(start=AT, end=datetime(2024, 3, 1, 0, 30))
+    with pytest.raises(TelemetryError, match=r"window 2024-03-01T00:10:00 to .* found 20 samples, none valid"):
+        select_window(read(tmp_path, table), window)
+    with pytest.raises(TelemetryError, match="window test, 2024-03-01T00:10:00 to"):
+        select_window(read(tmp_path, table), window, called="test")
 
 
 def test_the_quality_of_a_window_is_its_own(tmp_path: Path):

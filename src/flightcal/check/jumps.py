@@ -92,17 +92,17 @@ def _of_channel(
     return np.array([k for k in high.tolist() if abs(_apart(values, k)) > _STAYS * height[k]], np.int64)
 
 
-def _apart(values: FloatArray, moment: int) -> float:
-    """K from before a moment to after, in means."""
-    before, after = values[max(moment + 1 - _BESIDE, 0) : moment + 1], values[moment + 1 : moment + 1 + _BESIDE]
+def _apart(values: FloatArray, place: int) -> float:
+    """K from the samples up to a place to those after it, in means."""
+    before, after = values[max(place + 1 - _BESIDE, 0) : place + 1], values[place + 1 : place + 1 + _BESIDE]
     return float(np.nanmean(after) - np.nanmean(before))
 
 
-def _jumps_too(values: FloatArray, moment: int) -> bool:
-    """Whether a channel moves more than usual at a moment at which another jumps."""
+def _jumps_too(values: FloatArray, place: int) -> bool:
+    """Whether a channel moves more than usual after a place, where another jumps."""
     moves = np.abs(np.diff(values))
     usual = float(np.nanquantile(moves, _USUAL)) if np.isfinite(moves).any() else np.inf
-    return bool(moves[moment] > max(_TOO * usual, _NOISES_TOO * noise_of(values)))
+    return bool(moves[place] > max(_TOO * usual, _NOISES_TOO * noise_of(values)))
 
 
 def in_words(found: Sequence[Jump]) -> list[tuple[str, str, Words]]:

@@ -86,7 +86,7 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     if name not in scenario.windows:
         raise ScenarioError(f"window '{name}' is not in the scenario, which has {', '.join(scenario.windows)}")
     period = orbital_period(scenario.environment, scenario.folder)
-    chosen = select_window(telemetry, scenario.windows[name], period)
+    chosen = select_window(telemetry, scenario.windows[name], period, name)
     channels = tuple(channel for channel, item in scenario.observations.items() if item.heater is None)
     written, end = window_bounds(scenario.windows[name], period)
     begun = _first_known(scenario, chosen, channels, written)

@@ -29,17 +29,18 @@ def window_bounds(window: Window, period: float | None) -> tuple[np.datetime64, 
     return start, start + np.timedelta64(round(window.orbits * period * 1e9), "ns")
 
 
-def select_window(dataset: xr.Dataset, window: Window, period: float | None = None) -> xr.Dataset:
+def select_window(dataset: xr.Dataset, window: Window, period: float | None = None, called: str = "") -> xr.Dataset:
     """The samples of `dataset` with start <= time < end.
 
     Of several packets, times at which there are samples of drivers only are left out.
 
-    period: orbital period, s; default: that of the dataset. Raises TelemetryError when the window lies, even
-    partly, outside the telemetry or outside one of its packets, or holds no valid sample.
+    period: orbital period, s; default: that of the dataset. called: what the scenario calls it, for errors. Raises
+    TelemetryError when the window lies, even partly, outside the telemetry or outside one of its packets, or holds no
+    valid sample.
     """
     start, end = window_bounds(window, period or dataset.attrs.get("period_s"))
     times = dataset["time"].to_numpy()
-    name = f"window {clock_text(start)} to {clock_text(end)}"
+    name = f"window {f'{called}, ' if called else ''}{clock_text(start)} to {clock_text(end)}"
     for packet, own in _packets(dataset).items():
         _check_within(times[own], start, end, name, packet)
     sampled = _sampled(dataset)
