@@ -1,5 +1,6 @@
 """Quantities before and after a calibration."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -97,6 +98,8 @@ def test_a_row_is_short_and_its_html_escapes_names(rows):
     assert repr(rows["link"]).endswith("mW/K>")
     own = Calibrated("a<b", "parameter", "W", *([1.0] * 9))
     assert "<td>a&lt;b</td><td>W</td><td>1 [1, 1]</td><td>1 [1, 1]</td><td>100.0%</td>" in html_table([own])
+    wider = dataclasses.replace(own, considered_lower=0.5, considered_upper=1.5)
+    assert "<td>1 [1, 1]</td><td>[0.5, 1.5]</td><td>100.0%</td>" in html_table([wider, own])
 
 
 def test_a_posterior_is_a_line_and_in_notebooks_a_table():

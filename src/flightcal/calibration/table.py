@@ -145,13 +145,15 @@ def correlation(thetas: FloatArray) -> FloatArray:
 
 
 def html_table(rows: Iterable[Calibrated]) -> str:
-    """The table as HTML, for notebooks: before, after, and how much of it is the data's word."""
-    headings = ("quantity", "unit", "before [95%]", "after [95%]", "from data")
-    body = []
-    for own in rows:
+    """The table as HTML, for notebooks: before, after, after if fixed numbers are off, how much is the data's word."""
+    shown = list(rows)
+    of_fixed = ["if fixed numbers are off [95%]"] if any(own.considered is not None for own in shown) else []
+    headings, body = ["quantity", "unit", "before [95%]", "after [95%]", *of_fixed, "from data"], []
+    for own in shown:
         before = _in_brackets(own.before, own.before_lower, own.before_upper)
         after = _in_brackets(own.mean, own.lower, own.upper)
-        body.append((own.name, own.unit, before, after, f"{own.from_data:.1%}"))
+        wider = "" if own.considered is None else _in_brackets(own.mean, *own.considered).partition(" ")[2]
+        body.append([own.name, own.unit, before, after, *([wider] if of_fixed else []), f"{own.from_data:.1%}"])
     lines = ["".join(f"<td>{escape(text)}</td>" for text in cells) for cells in body]
     head = "".join(f"<th>{text}</th>" for text in headings)
     return f"<table><tr>{head}</tr>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
