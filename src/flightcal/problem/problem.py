@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from ..compiled import warm
 from ..probability import (
@@ -364,7 +363,9 @@ class Problem:
             if beside is None:
                 yield jacobian, derivative
             else:
-                yield np.concatenate([jacobian, beside[k]], axis=2), block_diag(derivative, np.eye(beside[k].shape[2]))
+                (q, d), m = derivative.shape, beside[k].shape[2]
+                both = np.block([[derivative, np.zeros((q, m))], [np.zeros((m, d)), np.eye(m)]])
+                yield np.concatenate([jacobian, beside[k]], axis=2), both
 
     def _information(
         self, z: FloatArray, prior: PriorTerms, moved: Sequence[tuple[FloatArray, FloatArray]]
