@@ -94,3 +94,10 @@ def test_what_parameters_set_or_scale_is_not_fixed_nor_are_thresholds(tmp_path):
 def test_of_a_simulator_that_is_no_thermal_network_nothing_is_known():
     problem = SimpleNamespace(to_z=np.log, to_theta=np.exp, windows=[SimpleNamespace(network=None)])
     assert considered(problem, np.ones((3, 2)), WITHIN, seed=1) is None
+
+
+def test_nothing_is_known_where_simulations_near_the_mean_fail(both, monkeypatch):
+    thetas, _ = around(both[0])
+    broken = np.full((7, 7), np.nan)
+    monkeypatch.setattr(type(both[0]), "gauss_newton_hessian", lambda *_: broken)
+    assert considered(both[0], thetas, WITHIN, seed=1) is None

@@ -70,6 +70,8 @@ def considered(
         precision = problem.gauss_newton_hessian(centre, beside)
     except SimulationFailure:
         return None
+    if not np.isfinite(precision).all():
+        return None
     precision[d:, d:] += np.eye(len(paths))
     alone, together = (whitening(centre, own).factor for own in (precision[:d, :d], precision))
     gain = -(alone @ alone.T) @ precision[:d, d:]
