@@ -15,13 +15,12 @@ import numpy as np
 
 from ..problem import Problem, Window, whitening
 from ..simulator import FloatArray, SimulationFailure
+from .table import scores
 
 _KNOWN: Final = ("environment.solar_constant",)
 """Numbers that are known too well to be off."""
 _NUDGE: Final = 0.01
 """Relative, for a derivative."""
-_FARTHEST: Final = 30.0
-"""Of z: a draw at a bound is far out, not endless."""
 _MOST: Final = 3
 """Numbers that are named for each value,"""
 _MATTERS: Final = 0.5
@@ -60,7 +59,7 @@ def considered(
     Changes are in SI. None: the simulator is no thermal network, or a reduced one, in which most numbers are no longer
     apart; nothing is fixed; or a simulation near the mean fails.
     """
-    z = np.clip(problem.to_z(thetas), -_FARTHEST, _FARTHEST)
+    z = scores(problem.priors, thetas)
     centre, d = z.mean(axis=0), z.shape[1]
     effects = _effects(problem, problem.to_theta(centre), within)
     if effects is None:
@@ -116,11 +115,5 @@ def _effects(problem: Problem, theta: FloatArray, within: float) -> tuple[list[s
 
 def _effect(window: Window, theta: FloatArray, place: int) -> FloatArray:
     """K [T, N] of a relative change of one number of a window's network, at theta [q]. Raises SimulationFailure."""
-    network = window.network
-    assert network is not None
-    written = network.mapping.written
-    more, less = (
-        window.with_written(np.where(np.arange(len(written)) == place, factor * written, written)).simulate(theta)
-        for factor in (1.0 + _NUDGE, 1.0 - _NUDGE)
-    )
+    more, less = (window.multiplied([place], factor).simulate(theta) for factor in (1.0 + _NUDGE, 1.0 - _NUDGE))
     return np.asarray((more.temperatures - less.temperatures) / (2.0 * _NUDGE))

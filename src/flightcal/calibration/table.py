@@ -94,10 +94,10 @@ def calibrated(
     priors, units = problem.priors, {**_default_units(problem.entries), **(units or {})}
     before = priors.quantile(np.array(_LEVELS)[:, None])
     shares = (np.arange(_PRIOR_POINTS) + 0.5) / _PRIOR_POINTS
-    wide = _scores(priors, priors.quantile(shares[:, None])).var(axis=0)
+    wide = scores(priors, priors.quantile(shares[:, None])).var(axis=0)
     after = np.quantile(thetas, _LEVELS, axis=0)
     means, variances = thetas.mean(axis=0), thetas.var(axis=0, ddof=1)
-    told = np.clip(1.0 - _scores(priors, thetas).var(axis=0, ddof=1) / wide, 0.0, 1.0)
+    told = np.clip(1.0 - scores(priors, thetas).var(axis=0, ddof=1) / wide, 0.0, 1.0)
     wider = None if considered is None else np.quantile(considered, (_LEVELS[0], _LEVELS[-1]), axis=0)
     rows = []
     for k, entry in enumerate(problem.entries):
@@ -128,7 +128,7 @@ def calibrated(
     return tuple(rows)
 
 
-def _scores(priors: Priors, thetas: FloatArray) -> FloatArray:
+def scores(priors: Priors, thetas: FloatArray) -> FloatArray:
     """Draws [S, d] in the unconstrained numbers of their priors; a draw at a bound is far out, not endless."""
     return np.clip(priors.to_z(thetas), -_FAR, _FAR)
 

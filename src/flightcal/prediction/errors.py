@@ -192,7 +192,8 @@ class WindowErrors:
     def draw(self, temperatures: FloatArray, rng: np.random.Generator) -> Drawn:
         """Errors of the draws, whose simulations of the window are `temperatures` [S, T, N]."""
         discrepancy, mean = np.zeros(temperatures.shape), np.zeros(temperatures.shape)
-        weights = [self.weights(s) for s in range(len(temperatures))]
+        others = [k for k in range(temperatures.shape[2]) if k not in self.alike]
+        weights = [self.weights(s) for s in range(len(temperatures))] if others else []
         for s, (expected, factor) in enumerate(weights):
             for k in np.flatnonzero(self.model.terms.discrepant).tolist():
                 drawn = expected[k] + factor[k] @ rng.standard_normal(len(expected[k]))
@@ -200,11 +201,10 @@ class WindowErrors:
         errors = Drawn(mean, discrepancy, *self._noise(rng))
         for k, alike in self.alike.items():
             residual = self.window.observed[self.telling, k] - temperatures[:, self.telling, k]
-            drawn = (errors.noise + errors.white)[:, self.telling, k]
+            drawn = errors.noise[:, self.telling, k] + errors.white[:, self.telling, k]
             errors.mean[:, :, k] += np.nan_to_num(residual) @ alike.gain.T
             errors.noise[:, :, k] += np.nan_to_num(residual - drawn) @ alike.gain.T
-        others = [k for k in range(temperatures.shape[2]) if k not in self.alike]
-        for s, (_, factor) in enumerate(weights if others else []):
+        for s, (_, factor) in enumerate(weights):
             self._correct(s, others, factor, temperatures[s], errors)
         return errors
 

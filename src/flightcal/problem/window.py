@@ -300,6 +300,13 @@ class Window:
         mapping = self.network.mapping._replace(written=numbers)
         return replace(self, simulator=replace(self.network, mapping=mapping))
 
+    def multiplied(self, places: Sequence[int], factor: float) -> Window:
+        """The same with some of the scenario's written numbers times a factor; of a thermal network."""
+        assert self.network is not None
+        numbers = self.network.mapping.written.copy()
+        numbers[list(places)] *= factor
+        return self.with_written(numbers)
+
     @cached_property
     def sizes(self) -> tuple[int, ...]:
         """Places of a thermal network's written numbers of which a relative error makes sense, and that are not zero.

@@ -16,7 +16,7 @@ from ...telemetry import status_fraction
 from ..evidence import Fit
 from ..view import View, known_thermostats
 from .heat import about_switches
-from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, driven_otherwise, multiplied, status_channels
+from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, driven_otherwise, status_channels
 
 _NOTHING = 0.05
 """Share of its power, below which a heater does not heat."""
@@ -130,7 +130,7 @@ def _powers(view: View, name: str, heaters: Sequence[str], factors: Sequence[flo
             continue
         words = _of_power(name, factor, written)
         near = partial(_powers, view, name, heaters, [factor * 2.0**more for more in np.linspace(-0.4, 0.4, 7)], tries)
-        yield Wrong("heater", name, words, window=multiplied(view, places, factor), tries=tries, closer=near)
+        yield Wrong("heater", name, words, window=view.window.multiplied(places, factor), tries=tries, closer=near)
 
 
 def _of_power(heater: str, factor: float, written: float) -> Words:

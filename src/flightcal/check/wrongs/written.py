@@ -14,7 +14,7 @@ from ...scenario import OF_EARTH_AND_SUN, Environment
 from ...simulator import FloatArray
 from ..evidence import Fit
 from ..view import NO_LINK, SHARES, Moved, View
-from .wrong import FACTORS, FEW_TIMES, Words, Wrong, multiplied
+from .wrong import FACTORS, FEW_TIMES, Words, Wrong
 
 _BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
 """Of a scenario, whose numbers are tried; heaters and loads are tried elsewhere."""
@@ -120,7 +120,7 @@ def _number(
         else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",
         f"Check '{name}', and its unit",
     )
-    yield Wrong("number", name, words, window=multiplied(view, places, factor), tries=tries, closer=closer)
+    yield Wrong("number", name, words, window=view.window.multiplied(places, factor), tries=tries, closer=closer)
 
 
 def _holds_too_much(view: View, changed: FloatArray) -> bool:

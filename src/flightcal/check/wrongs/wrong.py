@@ -173,13 +173,6 @@ def closer(shift: float, apart: float) -> FloatArray:
     return shift + np.linspace(-1.0, 1.0, 13) * apart
 
 
-def multiplied(view: View, places: Sequence[int], factor: float) -> Window:
-    """The view's window with some of the scenario's written numbers times a factor."""
-    written = view.network.mapping.written.copy()
-    written[list(places)] *= factor
-    return view.with_numbers(written)
-
-
 def flow_through(view: View, node: str) -> float:
     """W through a node; 0: it holds no heat."""
     return float(view.heat.flow[view.heat.nodes.index(node)]) if node in view.heat.nodes else 0.0
