@@ -18,7 +18,7 @@ def table_of(times: list[float], **columns: list) -> pd.DataFrame:
     return pd.DataFrame({"time": text(seconds(*times))} | columns)
 
 
-def test_blocks_are_means_at_their_centres_and_status_is_the_majority(tmp_path: Path):
+def test_blocks_are_means_at_the_mean_time_of_their_rows_and_status_is_the_majority(tmp_path: Path):
     table = table_of(
         [0, 10, 20, 30, 40, 50, 60, 70],
         TT_BAT=[20.0, 22.0, 24.0, 30.0, 30.0, 33.0, 1.0, 3.0],
@@ -26,7 +26,7 @@ def test_blocks_are_means_at_their_centres_and_status_is_the_majority(tmp_path: 
         HTR=[1, 1, 0, 0, 0, 1, 1, 0],
     )
     dataset = read(tmp_path, table, average="20 s")
-    np.testing.assert_array_equal(dataset["time"], seconds(10, 30, 50, 70))
+    np.testing.assert_array_equal(dataset["time"], seconds(5, 25, 45, 65))
     np.testing.assert_allclose(dataset["battery"], np.array([21.0, 27.0, 31.5, 2.0]) + 273.15)
     np.testing.assert_allclose(dataset["sun"], [1.5, 3.0, 1.5, 0.0085])
     np.testing.assert_array_equal(dataset["heater"], [1, 0, 1, 1])
@@ -42,8 +42,18 @@ def test_temperatures_whose_samples_are_seconds_apart_are_dense(tmp_path: Path):
 
 def test_blocks_start_at_multiples_of_their_length(tmp_path: Path):
     dataset = read(tmp_path, frame(30, interval=10.0).iloc[4:], average="60 s")
-    np.testing.assert_array_equal(dataset["time"], START + (np.arange(5) * 60 + 30).astype("timedelta64[s]"))
+    np.testing.assert_array_equal(dataset["time"], seconds(45, 85, 145, 205, 265))
     np.testing.assert_array_equal(dataset["rows"].sel(channel="battery"), [2, 6, 6, 6, 6])
+
+
+@pytest.mark.parametrize("first", [0.0, 30.0])
+def test_means_of_a_straight_line_lie_on_it(tmp_path: Path, first: float):
+    after = first + 60.0 * np.arange(40)
+    table = table_of(after.tolist(), TT_BAT=0.001 * after, I_SA=0.0, HTR=0)
+    table.loc[[5, 6, 23], ["TT_BAT", "I_SA", "HTR"]] = np.nan
+    dataset = read(tmp_path, table, average="4 min")
+    at = (dataset["time"].to_numpy() - START) / np.timedelta64(1, "s")
+    np.testing.assert_allclose(dataset["battery"], 0.001 * at + 273.15, atol=1e-9)
 
 
 @pytest.mark.parametrize(("valid", "used"), [(6, True), (3, True), (2, False), (0, False)])
@@ -69,9 +79,7 @@ def test_a_block_needs_half_of_its_samples(tmp_path: Path, valid: int, used: boo
 def test_a_block_mostly_in_a_gap_is_not_used(tmp_path: Path):
     table = frame(60, interval=10.0).drop(index=range(14, 30))
     dataset = read(tmp_path, table, average="60 s")
-    np.testing.assert_array_equal(
-        dataset["time"], START + (np.array([0, 1, 2, 5, 6, 7, 8, 9]) * 60 + 30).astype("timedelta64[s]")
-    )
+    np.testing.assert_array_equal(dataset["time"], seconds(25, 85, 125, 325, 385, 445, 505, 565))
     np.testing.assert_array_equal(np.flatnonzero(dataset["battery"].isnull()), [2])
     np.testing.assert_array_equal(dataset["flags"][2], [16, 16, 16])
 

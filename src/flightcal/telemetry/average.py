@@ -30,9 +30,10 @@ def dense_channels(dataset: xr.Dataset, below: float = DENSE) -> dict[str, float
 
 
 def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
-    """Means over blocks of `length` seconds, at the blocks' centres; only blocks that hold rows.
+    """Means over blocks of `length` seconds, each at the mean time of its rows; only blocks that hold rows.
 
-    Blocks start at whole multiples of `length` since 1970. Temperatures and drivers: mean of the valid
+    Blocks start at whole multiples of `length` since 1970; the time counts rows that hold a sample, where any does.
+    Temperatures and drivers: mean of the valid
     samples; status: the majority, a tie is on. A block with fewer than half of the samples that the channel's
     own sampling gives is NaN and flagged `few_samples`, together with the flags of the samples lost; a block
     that is used has no flag.
@@ -49,6 +50,7 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
     span = round(length * 1e9)
     blocks, block = np.unique(times // span, return_inverse=True)
     flags = dataset["flags"].to_numpy()
+    counts = np.any([dataset[name].notnull() for name in dataset["channel"].to_numpy()], axis=0)
     variables: dict[str, tuple] = {}
     block_flags = np.zeros((len(blocks), flags.shape[1]), dtype=np.uint8)
     masked = np.zeros((*block_flags.shape, len(SAMPLE_FLAGS)), dtype=np.uint32)
@@ -74,7 +76,7 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
         {"long_name": "rows that the finding took away"},
     )
     coordinates = {
-        "time": (blocks * span + span // 2).astype("datetime64[ns]"),
+        "time": _mean_times(times, counts, block, blocks * span),
         "channel": dataset["channel"].to_numpy(),
         "finding": [meaning(flag) for flag in SAMPLE_FLAGS],
     }
@@ -82,6 +84,16 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
     averaged = xr.Dataset(variables, coordinates, attributes)
     averaged["time"].encoding = dict(dataset["time"].encoding)
     return averaged
+
+
+def _mean_times(
+    times: NDArray[np.int64], counts: NDArray[np.bool_], block: NDArray[np.intp], starts: NDArray[np.int64]
+) -> NDArray[np.datetime64]:
+    """Mean times [B] of the rows [N] that count, or of all where none does, in blocks that start at times [B]; ns."""
+    after = times - starts[block]
+    mean, some = _block_mean(np.where(counts, after, np.nan), block, len(starts))
+    whole, _ = _block_mean(after.astype(np.float64), block, len(starts))
+    return np.asarray(starts + np.where(some > 0, mean, whole).round().astype(np.int64)).astype("datetime64[ns]")
 
 
 def _block_mean(
