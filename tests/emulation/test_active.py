@@ -1,12 +1,14 @@
 """Calibration through an emulator, against the same calibration of the real simulator, whose truth is known."""
 
+import signal
+import threading
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
-from flightcal.calibration import calibrate_nuts
+from flightcal.calibration import calibrate_nuts, nuts
 from flightcal.emulation import active
 from flightcal.emulation.active import learn, start_design
 from flightcal.emulation.emulator import simulated_priors
@@ -119,6 +121,25 @@ def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
     straight = learn(problem, evaluate, nothing, settings=settings, seed=5)
     np.testing.assert_array_equal(found.runs[0].theta, straight.runs[0].theta)
     np.testing.assert_array_equal(found.theta, straight.theta)
+
+
+def test_an_interruption_between_the_runs_ends_it(problem, monkeypatch):
+    asked, kept = [], []
+
+    def evaluate(window, thetas):
+        asked.extend(thetas)
+        return derivative_free.evaluate(window, thetas)
+
+    def interrupted(*given, **named):
+        threading.Timer(0.05, signal.raise_signal, [signal.SIGINT]).start()
+        return nuts.sample(*given, **named)
+
+    monkeypatch.setattr(active, "_NUTS", NutsSettings(chains=2, draws=10_000, warmup=100))
+    monkeypatch.setattr(active, "sample", interrupted)
+    settings = EmulatorSettings(runs=60, start=40, batch=10)
+    with pytest.raises(KeyboardInterrupt):
+        learn(problem, evaluate, derivative_free.nothing(problem), settings=settings, seed=5, save=kept.append)
+    assert len(asked) == len(kept[-1][0]) == 40
 
 
 def test_a_simulator_that_hardly_ever_finishes_is_an_error_with_its_message(problem):

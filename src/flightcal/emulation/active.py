@@ -375,6 +375,8 @@ def _posterior(problem: Problem, runs: Runs, before: _Belief | None, rng: np.ran
         # The mode is at the edge of where there are runs.
         coordinates = whitening(before.mean, np.asarray(np.linalg.inv(np.cov(before.z.T)), float))
     draws = sample(problem.log_density_and_gradient, coordinates, _NUTS, int(rng.integers(2**32)))
+    if draws.interrupted:
+        raise KeyboardInterrupt
     samples = sum(len(window.times) for window in problem.windows)
     return _Belief(draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z), samples)
 
