@@ -5,6 +5,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import xarray
 
 from flightcal.check import SUSPECTS, Suspects, suspects
@@ -302,3 +303,23 @@ def test_samples_that_are_lost_are_named_before_anything_else(flown):
         own[90:-40] = data[name].values[130:]
     found = suspects(build_problem(scenario, spoilt(data, **values)), spoilt(data, **values)).found
     assert [(own.kind, own.about) for own in found] == [("order", "time")]
+
+
+@pytest.mark.parametrize("name", ["train.second", "test.later"])
+def test_a_spike_in_another_window_is_named_too(tmp_path, name):
+    written = small.content()
+    whole = written["windows"]["train"]
+    spans = {"train.first": (0, 60), "train.second": (60, 120), "test.later": (120, 170)}
+    begin = np.datetime64(whole["start"])
+    windows = {}
+    for own, (first, end) in spans.items():
+        group, _, called = own.partition(".")
+        start, stop = (str(begin + np.timedelta64(minutes, "m")) for minutes in (first, end))
+        windows.setdefault(group, {})[called] = {"start": start, "end": stop}
+    written["windows"] = windows
+    scenario, data = small.closed_loop(tmp_path, written)
+    values = data["body_temp"].to_numpy().copy()
+    at = int(np.searchsorted(data["time"].to_numpy(), begin + np.timedelta64(spans[name][0] + 20, "m")))
+    values[at] += 40.0
+    found = suspects(build_problem(scenario, data), data.assign(body_temp=("time", values)))
+    assert [(own.kind, own.about) for own in found.found] == [("spike", "body_temp")]

@@ -7,7 +7,7 @@ parameters, unmodelled heat and noise? One is named only where it is better by f
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any, Final
 
@@ -15,11 +15,12 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..errors import FlightcalError
+from ..errors import FlightcalError, TelemetryError
 from ..problem import Problem, Window
 from ..report import UNEXPLAINED
 from ..run import Run, Stage, plain, read_json, typed
 from ..simulator import FloatArray, SimulationFailure, in_parallel
+from ..telemetry import select_window
 from .broken import Broken, broken
 from .evidence import Fit, Gaussian, climbed, gaussian
 from .jumps import Jump, in_words, jumps
@@ -115,8 +116,8 @@ class Suspects:
 def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     """What is likely to be wrong with a scenario or its telemetry, by its first training window.
 
-    telemetry: what the problem was built from. Of a simulator that is no thermal network only what the telemetry shows
-    by itself.
+    What a channel shows by itself is looked for in every window. telemetry: what the problem was built from. Of a
+    simulator that is no thermal network only what the telemetry shows by itself.
     """
     window, why_not = problem.windows[0], "the simulator is no thermal network, or a reduced one"
     modelled = np.full(window.observed.shape, np.nan)
@@ -132,7 +133,8 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
         for k, channel in enumerate(window.simulator.channels)
         if (own := broken(channel, window.times, window.observed[:, k], modelled[:, k])) is not None
     ]
-    found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
+    of_channels = [*seen, *_elsewhere(problem, telemetry)]
+    found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in of_channels]
     found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
     found += [Suspicion("thresholds exchanged", pair, *astuple(words)) for pair, words in exchanged(window)]
     jumped = in_words(_jumps(window, modelled, {own.channel for own in seen}))
@@ -161,6 +163,23 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
     return Suspects((*found, *compared), True, "", where)
+
+
+def _elsewhere(problem: Problem, telemetry: xarray.Dataset) -> Iterator[Broken]:
+    """What channels show by themselves in all windows but the first to train on."""
+    scenario, first = problem.scenario, problem.windows[0]
+    for name, own in scenario.windows.items():
+        if name == first.name:
+            continue
+        try:
+            samples = select_window(telemetry, own, first.period, name)
+        except TelemetryError:  # it is told where the window is used
+            continue
+        times, unknown = samples["time"].to_numpy(), np.full(samples.sizes["time"], np.nan)
+        for channel in first.simulator.channels:
+            found = broken(channel, times, samples[channel].to_numpy(), unknown)
+            if found is not None:
+                yield found
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:
