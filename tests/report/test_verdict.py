@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from flightcal.calibration import EMULATOR_ERROR
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
 from flightcal.prediction.holding import replicate
 from flightcal.report.comparison_page import _covers
@@ -57,6 +58,18 @@ def test_a_failed_gate_of_the_sampling_comes_before_all_else(run):
     assert states(judged) == {CONVERGED: "bad", RIGHT: "good", HOLD: "good"}
     assert (judged.use, judged.exit_code) == ("Do not use it.", GATE_FAILED)
     assert judged.then == "Raise the acceptance (nuts: target_acceptance)."
+
+
+def test_an_emulator_that_failed_comes_before_the_chains(run):
+    gates = [
+        {"name": "R-hat", "passed": False, "found": "1.134", "required": "below 1.01", "advice": "Warm up longer."},
+        {"name": EMULATOR_ERROR, "passed": False, "found": "the budget of runs is spent",
+         "required": "no longer matters", "advice": "Allow more runs (calibration.emulator.runs)."},
+    ]  # fmt: skip
+    judged = verdict_of(dataclasses.replace(fitted(run), diagnostics=run.diagnostics | {"gates": gates}))
+    assert judged.answers[0].worst.title == "The emulator does not follow the simulator: the budget of runs is spent"
+    assert judged.then == "Allow more runs (calibration.emulator.runs)."
+    assert [text.split(":")[0] for text in judged.answers[0].worst.details] == [EMULATOR_ERROR, "R-hat"]
 
 
 def test_a_model_whose_residuals_are_not_its_noise_cannot_be_used(run):

@@ -4,7 +4,19 @@ Imports: errors, probability, problem, progress, run, scenario, simulator, telem
 """
 
 from .considered import FixedNumbers
-from .diagnostics import LINEAR, Diagnostics, Gate, PriorScore, gate, least_effective, with_gate
+from .diagnostics import (
+    EMULATED_DENSITY,
+    EMULATOR_ERROR,
+    HELD_OUT,
+    LINEAR,
+    OF_EMULATOR,
+    Diagnostics,
+    Gate,
+    PriorScore,
+    gate,
+    least_effective,
+    with_gate,
+)
 from .heat_file import with_kept_heat
 from .methods import calibrate_nuts
 from .mode import climb, find_mode

@@ -37,6 +37,11 @@ _CHANCE = 0.01
 """That chains which agree fail for their R-hat."""
 LINEAR = "response to heat"
 """The gate that judges how heat was taken into account, not the chains."""
+EMULATOR_ERROR, HELD_OUT, EMULATED_DENSITY = (
+    "Emulator's error", "Emulator against simulator", "Posterior against simulator"
+)  # fmt: skip
+OF_EMULATOR = frozenset({EMULATOR_ERROR, HELD_OUT, EMULATED_DENSITY})
+"""The gates that judge the emulator: where one fails, chains that agree, or not, say nothing of the simulator."""
 _FEWEST_DRAWS = 4
 """With fewer a chain, R-hat and effective sample sizes are not defined."""
 

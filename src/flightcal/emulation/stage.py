@@ -10,7 +10,17 @@ from typing import Any, Final
 import numpy as np
 import xarray
 
-from ..calibration import NUTS, Diagnostics, Gate, gate, keep_sample, with_gate
+from ..calibration import (
+    EMULATED_DENSITY,
+    EMULATOR_ERROR,
+    HELD_OUT,
+    NUTS,
+    Diagnostics,
+    Gate,
+    gate,
+    keep_sample,
+    with_gate,
+)
 from ..errors import ScenarioError
 from ..problem import Problem, Window
 from ..run import Run, Stage, plain, read_json
@@ -132,11 +142,12 @@ def check_emulator(
     found = {"failed": failed, "density_error": check.density_error, "steps": check.steps}
     run.folder.write_json(CHECK_FILE, plain(check.validation) | plain(found))
     rule = gate(
-        "Emulator's error",
+        EMULATOR_ERROR,
         emulation.reached,
         "no longer matters" if emulation.reached else emulation.verdict,
         "no longer matters",
-        "Allow more runs (calibration.emulator.runs): the posterior is as wide as it is partly for want of them.",
+        f"Allow more runs (calibration.emulator.runs, now {problem.scenario.calibration.emulator.runs}): the posterior "
+        "is as wide as it is partly for want of them.",
     )
     for judged in (rule, _held_out(check.validation), _density(check), *_in_step(check)):
         diagnostics = with_gate(diagnostics, judged)
@@ -146,7 +157,7 @@ def check_emulator(
 def _held_out(validation: Validation) -> Gate:
     covered = validation.channels[-1].coverage[-1]
     return gate(
-        "Emulator against simulator",
+        HELD_OUT,
         validation.passed,
         f"95% intervals cover {covered:.0%} of {validation.runs} runs at the posterior",
         "as many as they say",
@@ -156,7 +167,7 @@ def _held_out(validation: Validation) -> Gate:
 
 def _density(check: SimulatorCheck) -> Gate:
     return gate(
-        "Posterior against simulator",
+        EMULATED_DENSITY,
         check.density_error <= LARGEST_DENSITY_ERROR,
         f"the emulator's log density is off by {check.density_error:.2f} over draws (standard deviation)",
         f"at most {LARGEST_DENSITY_ERROR:g}",

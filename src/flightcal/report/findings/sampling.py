@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from ...calibration import LINEAR
+from ...calibration import LINEAR, OF_EMULATOR
 from ..run_files import Record, RunFiles
 from ..text import shown, unit
 from .finding import AGAIN, Finding, value_of
@@ -26,7 +26,7 @@ def convergence(diagnostics: Record | None) -> Finding:
         text = "There is no diagnosis of the chains (diagnostics.json), so nothing here is a calibration."
         return Finding("bad", "The sampling did not finish", text, then=AGAIN)
     gates = diagnostics.get("gates", [])
-    failed = [g for g in gates if not g["passed"]]
+    failed = sorted((g for g in gates if not g["passed"]), key=lambda g: g["name"] not in OF_EMULATOR)
     words = str(diagnostics.get("verdict") or "")
     if diagnostics["passed"]:
         text = f"All {len(gates)} gates are passed. {words} This judges the sampling, not the model."
@@ -45,6 +45,10 @@ def convergence(diagnostics: Record | None) -> Finding:
         )
         title = "Do not rely on the parameters: the response to heat is not linear"
         return Finding("warn", title, text, details, ("parameters",), then)
+    if failed[0]["name"] in OF_EMULATOR:
+        text = f"{share} The chains went through the emulator's posterior, which is not the simulator's."
+        title = f"The emulator does not follow the simulator: {shown(failed[0]['found'])}"
+        return Finding("bad", title, text, details, then=then)
     # The rest of the words names the gates, as the details do.
     first = f"{words.split('. ')[0]}." if not words.startswith("Converged") else "Do not rely on this posterior."
     title = f"The chains have not converged: {failed[0]['name']}, {shown(failed[0]['found'])}"
