@@ -12,10 +12,12 @@ from typer.testing import CliRunner
 from flightcal.calibration import LINEAR
 from flightcal.cli import GATE_FAILED, MODEL_FAILED, USER_ERROR, app
 from flightcal.commands.backtest import backtest_scenario
+from flightcal.errors import RunError
 from flightcal.report import write_backtest
 from flightcal.run import read_tree
 from flightcal.validation.horizon import BANDS
 from tests.commands.test_calibrate import write
+from tests.external import scenes
 from tests.told import Told
 
 run = CliRunner().invoke
@@ -142,8 +144,15 @@ def test_a_length_that_is_none_is_a_message(tmp_path, length):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_simulator_without_derivatives_is_a_message(tmp_path, monkeypatch):
-    monkeypatch.setattr("flightcal.validation.backtest.needs_emulator", lambda problem: True)
-    result = run(app, ["backtest", str(write(tmp_path)), "--out", str(tmp_path / "out")])
-    assert result.exit_code == USER_ERROR
-    assert "without derivatives" in result.output
+def test_a_simulator_without_derivatives_is_refused_before_anything_is_made(tmp_path):
+    out, told = tmp_path / "out", Told()
+    with pytest.raises(RunError, match="without derivatives"):
+        backtest_scenario(without_derivatives(tmp_path), out, progress=told)
+    assert (told.said, [*told.stages]) == ([], ["reading telemetry"])
+    assert not out.exists()
+
+
+def without_derivatives(folder):
+    """A scenario around a function that gives no gradient, and is not run."""
+    (folder / "model.py").write_text("def simulate(inputs, times, start): ...\n", encoding="utf-8")
+    return scenes.write(folder, scenes.written({"callable": {"file": "model.py"}}))

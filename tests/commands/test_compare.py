@@ -14,6 +14,7 @@ from flightcal.commands import compare
 from flightcal.commands.backtest import Backtest
 from flightcal.commands.calibrate import Summary
 from flightcal.commands.display import print_comparison
+from flightcal.errors import RunError
 from flightcal.prediction import Metric
 from flightcal.progress import SILENT
 from flightcal.report import write_comparison
@@ -24,7 +25,10 @@ from flightcal.validation.comparison import backtest_summary, recommend, recomme
 from tests import small
 from tests.commands.test_calibrate import write
 from tests.commands.test_display import printed
+from tests.external import scenes
 from tests.told import Told
+
+LATER = {"start": "2024-03-01T00:40:00", "end": "2024-03-01T01:10:00"}
 
 run = CliRunner().invoke
 
@@ -338,6 +342,15 @@ def test_a_model_that_failed_a_gate_is_named_with_the_gate(tmp_path):
     ]
     summary = Summary(tmp_path, tmp_path, {"passed": False, "gates": gates}, (), False, None, {})
     assert compare._failed(summary) == ["R-hat 1.2 (link)"]
+
+
+def test_a_simulator_that_no_backtest_takes_is_refused_before_the_first_model(tmp_path, monkeypatch):
+    monkeypatch.setattr(compare, "run_experiment", lambda *_, **__: pytest.fail("a model was calibrated"))
+    content = scenes.written({"callable": {"file": "model.py"}}, windows={"later": LATER})
+    (tmp_path / "model.py").write_text("def simulate(inputs, times, start): ...\n", encoding="utf-8")
+    with pytest.raises(RunError, match="without derivatives"):
+        compare.compare_models(scenes.write(tmp_path, content), tmp_path / "out", ["iid", "ar1"], backtest=True)
+    assert not (tmp_path / "out").exists()
 
 
 def test_each_model_is_backtested_if_asked_for_on_samples_that_all_score(tmp_path, monkeypatch):

@@ -52,6 +52,12 @@ def test_a_right_model_can_be_used(run):
     assert judged.then == "flightcal backtest scenario.yaml --out backtest"
 
 
+def test_a_good_run_through_an_emulator_is_not_sent_to_a_backtest_which_would_refuse_it(run):
+    judged = verdict_of(dataclasses.replace(fitted(run), emulator={"reached": True}))
+    assert judged.use == "Use it."
+    assert judged.then.startswith("Predict more that it has not seen: add a window")
+
+
 def test_a_failed_gate_of_the_sampling_comes_before_all_else(run):
     right = fitted(run)
     judged = verdict_of(dataclasses.replace(right, diagnostics=run.diagnostics))

@@ -86,7 +86,7 @@ def backtest_scenario(
     from ..run import plain
     from ..scenario import load_scenario
     from ..telemetry import read
-    from ..validation import backtest_record, plan_origins, read_length
+    from ..validation import backtest_record, check_simulator, plan_origins, read_length
     from .folder import open_for
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
@@ -98,6 +98,7 @@ def backtest_scenario(
     }
     with progress.stage("reading telemetry"):
         data = read(scenario)
+    check_simulator(scenario, data)
     plan = plan_origins(scenario, data, origins, **lengths)
     with open_for(scenario, Path(out), progress, **{"the command": "backtest"}) as run:
         run.given(run.folder.identity, data)

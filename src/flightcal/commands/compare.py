@@ -107,9 +107,11 @@ def compare_models(
     from ..report import write_comparison
     from ..run import locked, plain, sweep, write_json, write_text
     from ..scenario import heat_of, is_trained, load_scenario, resolved_yaml
+    from ..telemetry import read
     from ..validation import (
         USUAL,
         band_scores,
+        check_simulator,
         check_windows,
         comparison_of,
         models_of,
@@ -128,6 +130,8 @@ def compare_models(
         raise RunError(f"{scenario_file}: windows: found none but those to train on, expected one to compare on")
     if leave_windows_out:
         check_windows(scenario)
+    if backtest:
+        check_simulator(scenario, read(scenario))
     folder = Path(out)
     if folder.is_dir() and any(folder.iterdir()) and not (folder / _LOCK).exists():
         raise RunError(f"{folder}: the folder holds files but no comparison; expected an empty or new folder")

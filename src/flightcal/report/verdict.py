@@ -43,6 +43,12 @@ MEANING: Final = {
 }
 """What a yes to each question says."""
 
+_BACKTEST: Final = "flightcal backtest scenario.yaml --out backtest"
+_ANOTHER_WINDOW: Final = (
+    "Predict more that it has not seen: add a window, windows: {later: {start: ..., end: ...}}, and run the same "
+    "command again."
+)
+"""What tries a good run further; a backtest takes no simulator that needs an emulator."""
 _ORDER: Final[tuple[State, ...]] = ("good", "none", "warn", "bad")
 _WITHOUT_LIMIT = "what no test here has looked at"
 
@@ -80,6 +86,8 @@ class Verdict:
     """What is told and decides nothing."""
     channels: tuple[str, ...]
     """Scored on windows that were not trained on."""
+    emulated: bool = False
+    """Whether an emulator stood in for the simulator."""
 
     def __repr__(self) -> str:
         return f"<Verdict: {self.use}>"
@@ -119,7 +127,7 @@ class Verdict:
         """What to do next: of the worst finding that says so."""
         found = [found for answer in self.answers for found in answer.findings if found.then and found.state != "good"]
         if not found:
-            return "flightcal backtest scenario.yaml --out backtest"
+            return _ANOTHER_WINDOW if self.emulated else _BACKTEST
         return max(found, key=lambda own: _ORDER.index(own.state)).then
 
     @property
@@ -163,4 +171,5 @@ def verdict_of(run: RunFiles) -> Verdict:
         ),
         (*scores(run), *resting(run), *time_tags(run), *missing(run)),
         tuple(held_channels(run)),
+        emulated=run.emulator is not None,
     )

@@ -4,7 +4,7 @@ Imports: calibration, emulation, environment, errors, prediction, probability, p
 scenario, simulator, telemetry.
 """
 
-from .backtest import backtest_record, origin_settings, origin_stage
+from .backtest import backtest_record, check_simulator, origin_settings, origin_stage
 from .block_loo import BlockLoo
 from .comparison import MODELS, USUAL, block_loo, comparison_of, models_of, scored_by_all, variant
 from .full_simulator import FULL_SIMULATOR, flown_from

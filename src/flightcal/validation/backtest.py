@@ -14,11 +14,20 @@ from ..errors import RunError
 from ..prediction import Holding, hold_together, predict, replicates_of
 from ..problem import build_problem
 from ..run import Run, Stage, plain
-from ..scenario import NutsSettings, PredictionSettings, Scenario
+from ..scenario import ExternalModel, NutsSettings, PredictionSettings, Scenario
 from .horizon import BANDS, band_scores, duty_scores
 from .origins import AHEAD, Origin, Plan
 
 _FOLDER = "origins"
+
+
+def check_simulator(scenario: Scenario, telemetry: xarray.Dataset) -> None:
+    """Raises RunError where a scenario's simulator cannot be calibrated from each origin."""
+    if isinstance(scenario.simulator, ExternalModel) and needs_emulator(build_problem(scenario, telemetry)):
+        raise RunError(
+            "backtest: simulator: found one without derivatives, expected a thermal network or one with a gradient: "
+            "each origin would need an emulator of its own"
+        )
 
 
 def origin_stage(scenario: Scenario, origin: Origin, title: str) -> Stage[xarray.Dataset]:
@@ -46,11 +55,6 @@ def _backtested(run: Run, scenario: Scenario, data: xarray.Dataset, origin: Orig
     own = origin.scenario(scenario)
     settings = scenario.calibration
     problem = build_problem(own, data)
-    if needs_emulator(problem):
-        raise RunError(
-            "backtest: simulator: found one without derivatives, expected a thermal network or one with a gradient: "
-            "each origin would need an emulator of its own"
-        )
     with run.progress.stage("compiling (long only once)"):
         warm(problem)
     posterior = calibrate_nuts(problem, progress=run.progress)
