@@ -100,7 +100,7 @@ def test_rounds_are_told_and_kept(finished):
     _, run, _, told = finished
     log = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     assert [record["text"] for record in log if record["event"] == "said"] == told.said
-    assert told.said[0].startswith("round 0: 20 runs")
+    assert told.said[2].startswith("round 0: 20 runs")
     assert set(told.stages) == {
         "reading telemetry", BUILDING, "looking for what may be wrong", "learning an emulator", "genetic algorithm",
         "stochastic update (NUTS)",

@@ -97,6 +97,8 @@ def rough_search_seconds(problem: Problem, settings: GeneticSettings) -> float:
         problem.rmse(thetas)
         return (perf_counter() - started) / count * individuals
 
+    # What is made only once is no part of a generation: an emulator also fits heaters' duty at its first call.
+    seconds(1)
     # The first ones also reserve memory.
     generation = seconds(_SEARCHED)
     if generation < _SOON:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from ..errors import FlightcalError
 from ..external import Record
 from ..probability import DEVIATION, Priors, sobol
 from ..problem import Problem, Window, whitening
-from ..progress import SILENT, Progress
+from ..progress import SILENT, Progress, about
 from ..scenario import EmulatorSettings, NutsSettings
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import quiet_noise
@@ -165,7 +166,8 @@ def learn(
     inputs = sum(len(window.simulator.parameters) for window in windows)
     rng = np.random.default_rng(seed)
     shortest = min(len(own) for own in runs)  # of all windows but where an interrupted call saved only some
-    campaign = _Campaign(problem, evaluate, save, stored=_each(runs, slice(0, shortest)))
+    campaign = _Campaign(problem, evaluate, save, _each(runs, slice(0, shortest)), settings.runs, progress)
+    progress.say(f"at most {settings.runs} runs of the simulator")
     count = max(0, min(settings.runs, settings.start or 10 * inputs)) // len(windows)
     runs = campaign.complete(_each(runs, slice(0, 0)), _through_the_priors(problem, count, seed), 0)
     _check_start(problem, runs)
@@ -179,7 +181,7 @@ def learn(
         fits = _fit(problem, runs, belief, beginning if batch > 0 else None)
         emulated = replace(problem, windows=tuple(fit.window for fit in fits), open_loop=None)
         samples = sum(len(fit.window.times) for fit in fits)
-        before, belief = belief, _posterior(emulated, runs, belief, rng)
+        before, belief = belief, _posterior(emulated, runs, belief, rng, progress)
         share, shift = influence(emulated, belief.z, rng)
         moved, monte_carlo = _movement(before, belief)
         reached = (
@@ -284,6 +286,9 @@ class _Campaign:
     save: Callable[[Runs], None]
     stored: Runs
     """What an earlier call ran."""
+    most: int
+    """Runs of all windows together."""
+    progress: Progress
 
     def complete(self, runs: Runs, thetas: FloatArray, number: int) -> Runs:
         """`runs` and those of round `number` at thetas [S, d], of which only what is missing is run."""
@@ -294,14 +299,27 @@ class _Campaign:
         known, design = np.concatenate([own.theta for own in there], axis=1), np.concatenate(designs, axis=1)
         is_there = [bool(np.isclose(known, theta, rtol=1e-9, atol=0.0).all(axis=1).any()) for theta in design]
         missing = np.flatnonzero(~np.array(is_there, bool))[: max(0, len(design) - len(known))]
-        for first in range(0, len(missing), _SAVED_TOGETHER):
-            few = missing[first : first + _SAVED_TOGETHER]
-            there = tuple(
-                own.add(self.evaluate(window, design[few]), number)
-                for own, window, design in zip(there, windows, designs, strict=True)
-            )
-            self.save(_joined(_joined(runs, there), later))
+        with self.progress.stage("runs", self.most) as running:
+            for first in range(0, len(missing), _SAVED_TOGETHER):
+                few, started = missing[first : first + _SAVED_TOGETHER], perf_counter()
+                there = tuple(
+                    own.add(self.evaluate(window, design[few]), number)
+                    for own, window, design in zip(there, windows, designs, strict=True)
+                )
+                if first == number == 0:
+                    self._foretell(perf_counter() - started, len(few) * len(windows))
+                whole = _joined(runs, there)
+                self.save(_joined(whole, later))
+                done = sum(map(len, whole))
+                running.at(done, f"{done} of at most {self.most}")
         return _joined(runs, there)
+
+    def _foretell(self, seconds: float, runs: int) -> None:
+        """Say how long the most runs will take, as the first ones tell it."""
+        self.progress.say(
+            f"the first {runs} runs took {seconds:.1f} s, so all take {about(seconds / runs * self.most)} at most; "
+            "each round samples, too"
+        )
 
 
 def _joined(runs: Runs, others: Runs) -> Runs:
@@ -356,7 +374,9 @@ def _near(
     return positions[chosen], np.isin(chosen, order[: _JUDGED_PER_PARAMETER * draws.shape[1]])
 
 
-def _posterior(problem: Problem, runs: Runs, before: _Belief | None, rng: np.random.Generator) -> _Belief:
+def _posterior(
+    problem: Problem, runs: Runs, before: _Belief | None, rng: np.random.Generator, progress: Progress
+) -> _Belief:
     """Posterior draws of the emulated problem, its mode sought from the best real runs and the round before.
 
     Not from prior draws: where runs are far the emulator's own variance explains any telemetry a little, and a climb
@@ -374,7 +394,7 @@ def _posterior(problem: Problem, runs: Runs, before: _Belief | None, rng: np.ran
             raise FlightcalError(f"emulator: {failure}") from None
         # The mode is at the edge of where there are runs.
         coordinates = whitening(before.mean, np.asarray(np.linalg.inv(np.cov(before.z.T)), float))
-    draws = sample(problem.log_density_and_gradient, coordinates, _NUTS, int(rng.integers(2**32)))
+    draws = sample(problem.log_density_and_gradient, coordinates, _NUTS, int(rng.integers(2**32)), progress=progress)
     if draws.interrupted:
         raise KeyboardInterrupt
     samples = sum(len(window.times) for window in problem.windows)
