@@ -208,6 +208,17 @@ def test_findings_name_the_best_and_below_it_the_others():
     assert suspected(Suspects()) == []
 
 
+def test_what_was_not_compared_with_the_simulator_is_a_caution_and_a_line_that_says_why():
+    found = Suspects(why_not="the simulator is no thermal network, or a reduced one")
+    (caution,) = suspected(found)
+    assert caution.state == "warn"
+    assert caution.title.startswith("Not looked for: wrong clocks, units, biases, swapped channels")
+    assert found.why_not in caution.text
+    (line,) = found.lines
+    assert line.startswith("not looked for: wrong clocks")
+    assert line.endswith(found.why_not)
+
+
 def test_that_no_simple_wrong_explains_the_telemetry_is_no_wrong():
     found = Suspects(tuple(unexplained(fit(5.0, 900.0), None, [])), True)
     assert [own.title for own in suspected(found)] == ["No simple wrong explains the telemetry"]

@@ -16,7 +16,7 @@ from .prior_predictive import EDGE, PriorPredictive
 from .profile import Profile
 from .sensitivity import LIKELIHOOD, Sensitivity
 from .smoothness import REACH, TOLERANCE, Jump, Smoothness
-from .suspects import Suspects
+from .suspects import NOT_COMPARED, Suspects
 
 _REACHED = 0.5
 """Share of a channel's telemetry that the prior must reach."""
@@ -118,6 +118,12 @@ def suspected(suspects: Suspects) -> list[Finding]:
     return found
 
 
+    if suspects.why_not:
+        text = (
+            f"Nothing of this kind was compared with the simulator: {suspects.why_not}. Look for it yourself where the "
+            "prior does not reach the telemetry, or where a value or a noise is far out in its prior."
+        )
+        found.append(Finding("warn", f"Not looked for: {NOT_COMPARED}", text))
 def _centre(checked: Checked) -> list[Finding]:
     if checked.centre.is_mode:
         return []

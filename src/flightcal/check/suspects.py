@@ -32,6 +32,8 @@ from .wrongs import Wrong, all_wrongs
 from .wrongs.heat import now_and_then
 
 SUSPECTS_FILE = "suspects.json"
+NOT_COMPARED = "wrong clocks, units, biases, swapped channels, status, heaters, modes, drivers and orbit"
+"""What only a comparison with the simulator tells."""
 _CLEAR = 10.0
 """Nats by which a wrong has to be better than nothing wrong, odds counted, to be named."""
 _PROMISING = 2.0
@@ -110,7 +112,8 @@ class Suspects:
             one_of = f", one of {alike}" if alike > 1 and own.nats is not None else ""
             return "" if own.kind == UNEXPLAINED else f"likely wrong{one_of}: "
 
-        return tuple(f"{mark(own)}{own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
+        found = tuple(f"{mark(own)}{own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
+        return (*found, f"not looked for: {NOT_COMPARED}; {self.why_not}") if self.why_not else found
 
 
 def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
