@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -12,13 +12,14 @@ from ..report import Finding, ParameterInfo, likely, listed, moment, number, per
 from .centre import Centre
 from .heat import ALIKE, BesideHeat, Imitated, Kind
 from .identifiability import BLIND, Combination, Identifiability, Move
-from .prior_predictive import EDGE, PriorPredictive
+from .prior_predictive import EDGE, ChannelReach, PriorPredictive
 from .profile import Profile
 from .sensitivity import LIKELIHOOD, Sensitivity
 from .smoothness import REACH, TOLERANCE, Jump, Smoothness
 from .suspects import NOT_COMPARED, Suspects
 
 _REACHED = 0.5
+_WORST_FIRST = ("bad", "warn", "none", "good")
 """Share of a channel's telemetry that the prior must reach."""
 _MOSTLY = 0.95
 _FAILURES = 0.05
@@ -76,8 +77,8 @@ class Checked:
 
 
 def findings_of(checked: Checked) -> list[Finding]:
-    """All findings, in the order in which a user should mend them."""
-    return [
+    """All findings, the worst first, and of those the ones that a user should mend first."""
+    found = [
         *suspected(checked.suspects),
         *_centre(checked),
         *_reach(checked),
@@ -90,6 +91,7 @@ def findings_of(checked: Checked) -> list[Finding]:
         *(_profile(checked, profile) for profile in checked.profiles),
     ]
 
+    return sorted(found, key=lambda finding: _WORST_FIRST.index(finding.state))
 
 def verdict_of(findings: Sequence[Finding]) -> tuple[bool, str]:
     """Whether nothing stands against sampling, and one sentence."""
@@ -137,8 +139,8 @@ def _centre(checked: Checked) -> list[Finding]:
 def _reach(checked: Checked) -> list[Finding]:
     found = []
     predictive = checked.predictive
-    missed = [c for c in predictive.channels if c.reached < _REACHED]
-    partly = [c for c in predictive.channels if _REACHED <= c.reached < _MOSTLY]
+    missed = _worst_first(c for c in predictive.channels if c.reached < _REACHED)
+    partly = _worst_first(c for c in predictive.channels if _REACHED <= c.reached < _MOSTLY)
     details = tuple(
         f"{checked.named(c.channel, c.window)}: {percent(c.reached)} of the telemetry is reached; at most it is "
         f"{number(abs(c.beyond), 3)} K {'above' if c.beyond > 0 else 'below'} all that the prior gives."
@@ -190,6 +192,11 @@ def _reach(checked: Checked) -> list[Finding]:
 
 
 def _tail(probability: float) -> str:
+def _worst_first(channels: Iterable[ChannelReach]) -> list[ChannelReach]:
+    """By the share that the prior reaches, then by how far it is off."""
+    return sorted(channels, key=lambda c: (c.reached, -abs(c.beyond)))
+
+
     share = min(probability, 1.0 - probability)
     shown = f"{100 * share:.1g}%" if share > 1e-5 else "less than 0.001%"
     return f"in the {'lowest' if probability < 0.5 else 'highest'} {shown}"
