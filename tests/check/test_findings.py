@@ -133,3 +133,42 @@ def test_a_channel_without_samples_is_not_the_one_with_the_least_inside():
     assert text.startswith(f"At least 90.0% ({seen.channel})")
     table = next(block.table for block in _prior(checked, problem) if block.table)
     assert [table.state(row, 2) for row in range(2)] == ["", "good"]
+
+
+@pytest.fixture(scope="module")
+def level():
+    """A problem of one level that both channels read, as it is checked."""
+    problem = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH)
+    return check(problem, THOROUGH, infos(problem))
+
+
+def test_no_caution_stands_above_a_problem(level):
+    unsure = replace(level.centre, is_mode=False)
+    missed = [replace(own, reached=0.1, beyond=9.0) for own in level.predictive.channels]
+    checked = replace(level, centre=unsure, predictive=replace(level.predictive, channels=tuple(missed)))
+    states = [finding.state for finding in findings_of(checked)]
+    assert {"bad", "warn", "good"} <= set(states)
+    assert states == sorted(states, key=("bad", "warn", "none", "good").index)
+
+
+@pytest.mark.parametrize("shares", [(0.4, 0.1), (0.9, 0.6)])
+def test_of_channels_that_the_prior_does_not_reach_the_worst_is_first(level, shares):
+    channels = [replace(c, reached=r) for c, r in zip(level.predictive.channels, shares, strict=True)]
+    checked = replace(level, predictive=replace(level.predictive, channels=tuple(channels)))
+    finding = found_in(findings_of(checked), "reach")
+    better, worse = (c.channel for c in channels)
+    assert finding.title.endswith(f"telemetry of {worse} and {better}")
+    assert finding.details[0].startswith(worse)
+
+
+def test_sensitivities_that_need_more_runs_say_how_many(level):
+    few = replace(level.sensitivity, runs=10, failed=0)
+    text = found_in(findings_of(replace(level, sensitivity=few)), "Sensitivities are not known").text
+    # 4 (2 + 2) draws of the prior, which are a third of the runs.
+    assert text == "They need 16 simulations over the prior, and there are 10: check again with `--runs 48`."
+
+
+def test_sensitivities_of_runs_that_failed_say_so(level):
+    failed = replace(level.sensitivity, runs=20, failed=10)
+    text = found_in(findings_of(replace(level, sensitivity=failed)), "Sensitivities are not known").text
+    assert text == "Too few simulations finished."

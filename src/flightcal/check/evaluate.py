@@ -11,6 +11,8 @@ from ..scenario import ExternalModel
 from ..simulator import FloatArray
 
 _BATCH = 512
+_PARTS = 3
+"""Of a budget: for the prior's draws, for the scans and for the mode."""
 
 ManyRuns = list[Runs | None]
 """Of each window at many points; None where a simulation failed."""
@@ -41,10 +43,15 @@ def effort_for(problem: Problem, runs: int) -> Effort:
     """
     if not isinstance(problem.scenario.simulator, ExternalModel):
         return THOROUGH
-    part, count = runs // 3, len(problem.windows)
+    part, count = runs // _PARTS, len(problem.windows)
     scan = 2 * (max(part // (len(problem.simulated) * count), 5) // 2) + 1
     searches = min(max((part + 5 * count) // runs_of_a_search(problem) - 1, 1), 3)
     return Effort(draws=max(part // count, 8), base=0, scan=scan, searches=searches)
+
+
+def runs_for_draws(draws: int, windows: int) -> int:
+    """The least budget of runs with which so many draws of the prior are simulated in each window."""
+    return _PARTS * windows * draws
 
 
 def runs_of_a_search(problem: Problem) -> int:

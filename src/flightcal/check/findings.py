@@ -10,6 +10,7 @@ import numpy as np
 
 from ..report import Finding, ParameterInfo, likely, listed, moment, number, percent, unit
 from .centre import Centre
+from .evaluate import runs_for_draws
 from .heat import ALIKE, BesideHeat, Imitated, Kind
 from .identifiability import BLIND, Combination, Identifiability, Move
 from .prior_predictive import EDGE, ChannelReach, PriorPredictive
@@ -18,8 +19,8 @@ from .sensitivity import LIKELIHOOD, Sensitivity
 from .smoothness import REACH, TOLERANCE, Jump, Smoothness
 from .suspects import NOT_COMPARED, Suspects
 
-_REACHED = 0.5
 _WORST_FIRST = ("bad", "warn", "none", "good")
+_REACHED = 0.5
 """Share of a channel's telemetry that the prior must reach."""
 _MOSTLY = 0.95
 _FAILURES = 0.05
@@ -90,8 +91,8 @@ def findings_of(checked: Checked) -> list[Finding]:
         _sensitivity(checked),
         *(_profile(checked, profile) for profile in checked.profiles),
     ]
-
     return sorted(found, key=lambda finding: _WORST_FIRST.index(finding.state))
+
 
 def verdict_of(findings: Sequence[Finding]) -> tuple[bool, str]:
     """Whether nothing stands against sampling, and one sentence."""
@@ -117,15 +118,15 @@ def suspected(suspects: Suspects) -> list[Finding]:
     if suspects.looked and not found:
         text = "Clocks, units, biases, swapped channels, status, heaters, modes, drivers and the orbit were tried."
         found.append(Finding("good", "No simple wrong explains the telemetry better than the scenario", text))
-    return found
-
-
     if suspects.why_not:
         text = (
             f"Nothing of this kind was compared with the simulator: {suspects.why_not}. Look for it yourself where the "
             "prior does not reach the telemetry, or where a value or a noise is far out in its prior."
         )
         found.append(Finding("warn", f"Not looked for: {NOT_COMPARED}", text))
+    return found
+
+
 def _centre(checked: Checked) -> list[Finding]:
     if checked.centre.is_mode:
         return []
@@ -191,12 +192,12 @@ def _reach(checked: Checked) -> list[Finding]:
     return found
 
 
-def _tail(probability: float) -> str:
 def _worst_first(channels: Iterable[ChannelReach]) -> list[ChannelReach]:
     """By the share that the prior reaches, then by how far it is off."""
     return sorted(channels, key=lambda c: (c.reached, -abs(c.beyond)))
 
 
+def _tail(probability: float) -> str:
     share = min(probability, 1.0 - probability)
     shown = f"{100 * share:.1g}%" if share > 1e-5 else "less than 0.001%"
     return f"in the {'lowest' if probability < 0.5 else 'highest'} {shown}"
@@ -451,8 +452,9 @@ def _nats(value: float, before: str = "") -> str:
 
 def _sensitivity(checked: Checked) -> Finding:
     sensitivity = checked.sensitivity
-    if sensitivity.runs - sensitivity.failed < 4 * (len(sensitivity.names) + 2):
-        return Finding("none", "Sensitivities are not known", "Too few simulations finished.")
+    least = 4 * (len(sensitivity.names) + 2)
+    if sensitivity.runs - sensitivity.failed < least:
+        return Finding("none", "Sensitivities are not known", _too_few(checked, least))
     strength = np.minimum(sensitivity.strongest[sensitivity.outputs.index(LIKELIHOOD)], 1.0)
     leaders = [k for k in np.argsort(-strength)[:3] if strength[k] > _IDLE]
     shares = listed([f"{sensitivity.names[k]} ({percent(strength[k], 0)})" for k in leaders])
@@ -465,6 +467,15 @@ def _sensitivity(checked: Checked) -> Finding:
         )
     names = listed([sensitivity.names[k] for k in leaders]) or "no parameter"
     return Finding("good", f"Over the whole prior the likelihood depends most on {names}", text.strip())
+
+
+def _too_few(checked: Checked, least: int) -> str:
+    """Why there are too few simulations, of which a check needs at least so many in each window."""
+    runs = checked.sensitivity.runs
+    if checked.sensitivity.failed:
+        return "Too few simulations finished."
+    enough = runs_for_draws(least, len(checked.starts))
+    return f"They need {least} simulations over the prior, and there are {runs}: check again with `--runs {enough}`."
 
 
 def _profile(checked: Checked, profile: Profile) -> Finding:

@@ -105,7 +105,7 @@ class Suspects:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What was found, as lines."""
+        """What was found, as lines, and what was not looked for."""
         alike = sum(own.nats is not None for own in self.found)
 
         def mark(own: Suspicion) -> str:
