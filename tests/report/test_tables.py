@@ -6,8 +6,10 @@ import math
 import numpy as np
 import pytest
 
+from flightcal.calibration import Calibrated
 from flightcal.report import tables
 from flightcal.report.panels import (
+    calibrated,
     convergence,
     heaters,
     parameters,
@@ -169,3 +171,11 @@ def test_a_transform_that_is_not_known_is_not_called_good():
     known = Uniformity("tank", 9, 9.0, 0.1, 0.5)
     table = reliability.transforms({"test": [known, dataclasses.replace(known, p_value=math.nan)]})
     assert [table.state(row, 2) for row in range(2)] == ["good", ""]
+
+
+@pytest.mark.parametrize(("median", "words"), [(0.45, "mostly the prior"), (0.79, "moved, as wide")])
+def test_a_value_that_moved_is_not_mostly_the_prior_however_little_surer_it_became(median, words):
+    own = Calibrated(
+        "g_bus_bat", "parameter", "W/K", 0.4, 0.207, 0.773, median, median, 0.22, median - 0.4, median + 0.4, 0.077
+    )
+    assert str(calibrated.table([own]).rows[0][-1]) == f"8%\n{words}"

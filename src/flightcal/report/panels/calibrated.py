@@ -15,7 +15,9 @@ SHOWN = ("parameter", "drift")
 MOST_ROWS = 16
 """Rows that the first screen has; more are folded."""
 LITTLE = 0.2
-"""Share of the telemetry's word below which a value is more or less what was believed before."""
+"""Share of the telemetry's word below which a value is more or less what was believed before, unless it moved."""
+FAR = 1.0
+"""Deviations of the prior by which a value moved that is not what was believed before."""
 
 
 @section("calibrated", "Parameters")
@@ -27,8 +29,9 @@ def panel(run: RunFiles) -> list[Block]:
         return [block.note(f"The run {why}.")]
     words = (
         "Before: median of what was believed (the prior). After: mean of what telemetry leaves possible (the "
-        "posterior), and the interval that has 95% of it. From telemetry: how much is its word and not the prior's "
-        "(1 − variance after / before, in normal scores)."
+        "posterior), and the interval that has 95% of it. From telemetry: by how much it made the value surer "
+        "(1 − variance after / before, in normal scores). Moved, as wide: telemetry moved it by over a deviation of "
+        "the prior, but tells it hardly better."
     )
     fixed = run.fixed_numbers
     if fixed is not None:
@@ -50,7 +53,7 @@ def table(rows: Iterable[Calibrated], within: float | None = None) -> Table:
         before, after, lower, upper = in_digits(own.lower, own.upper, own.before, own.mean, own.lower, own.upper)
         told: str = percent(own.from_data, 0)
         if own.from_data < LITTLE:
-            told = Cell(f"{told}\nmostly the prior", "warn")
+            told = Cell(f"{told}\n{'mostly the prior' if own.moved < FAR else 'moved, as wide'}", "warn")
         wider = "–" if own.considered is None else " to ".join(in_digits(*own.considered, *own.considered))
         intervals = [f"{lower} to {upper}"] + [wider] * (within is not None)
         cells.append([own.name, before, after, *intervals, unit(own.unit) or "–", told])
