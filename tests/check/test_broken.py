@@ -82,6 +82,41 @@ def test_a_stuck_sensor_is_told_by_where_it_goes_on():
     assert own.useless.sum() >= 11
 
 
+UNKNOWN = np.full(200, np.nan)
+"""What the model does, where there is none."""
+
+
+@pytest.mark.parametrize("part", [slice(105, 175), slice(60, 110), slice(145, 200)])
+def test_without_a_model_a_stuck_sensor_is_told_by_how_it_moves_elsewhere(part):
+    values = telemetry()
+    values[part] = values[part.start]
+    own = found(values, UNKNOWN)
+    assert own.kind == "stuck"
+    assert "its other samples move by" in own.sentence
+    assert own.useless[part.start + 1 : part.stop].all()
+
+
+@pytest.mark.parametrize("step", [0.5, 1.0, 2.0])
+def test_without_a_model_a_steady_sensor_of_coarse_steps_is_not_stuck(step):
+    steady = 290.0 + 0.2 * np.sin(np.arange(200) / 16.0)
+    moving = np.where(np.arange(200) < 80, 0.0, MODELLED - MODELLED[80])
+    settling = 20.0 * np.exp(-np.arange(200) / 8.0) + np.where(np.arange(200) < 130, 0.0, MODELLED - MODELLED[130])
+    heating = 0.3 * np.maximum(np.arange(200) - 90, 0.0)
+    for temperature in (steady, steady + moving, steady + settling, steady + heating):
+        assert found(np.round(temperature / step) * step, UNKNOWN) is None
+
+
+def test_without_a_model_means_of_a_coarse_sensor_that_comes_to_rest_are_not_stuck():
+    """A real sensor reads in steps of 0.44 K, and means of its readings are also parts of that apart."""
+    scenario = load_scenario(EXAMPLES / "chandra_acis" / "scenario.yaml")
+    data = read(scenario)
+    times, values = data["time"].to_numpy(), data["electronics_temperature"].to_numpy()
+    for first in range(0, len(times) - 200, 100):
+        part = slice(first, first + 200)
+        own = broken("electronics_temperature", times[part], values[part], UNKNOWN)
+        assert own is None or own.kind != "stuck"
+
+
 def test_a_sensor_that_is_stuck_throughout_is_told():
     assert found(np.full(200, 290.0)).sentence.count("throughout") == 1
 

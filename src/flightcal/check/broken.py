@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ..report import moment, number
@@ -20,6 +21,10 @@ _RELEASED, _JUMPS, _THAN_ANY, _THAN_USUAL = 8, 3.0, 2.0, 10.0
 other and as is usual."""
 _MOVES = 1.0
 """K, by which the model has to move meanwhile."""
+_STEPS, _BEFORE, _SLOWED, _THAN_OTHERS = 4.0, 8, 0.5, 2.0
+"""Where there is no model: steps or noises that a motion which breaks off has to have, samples in whose halves it is
+looked at, share of the first half's in the second that tells that it does not slow down, and times that a jump is
+beyond nearly all other changes."""
 _COPIED = 15
 """Changes that come again exactly, where they are no chance."""
 _CHANCE, _ALIKE = 1e-9, 0.4
@@ -180,8 +185,13 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
     follows = last + 1 < len(own) and times[last + 1] - times[last] <= _GAP * np.median(np.diff(times))
     jump = abs(float(own[last + 1] - own[last])) if follows else 0.0
     least = max(_MOVES, 4.0 * float(steps[0])) if len(steps) else _MOVES
-    if lengths[longest] >= max(_STUCK, 4 * int(others.max(initial=0))) and moves >= least:
+    long = lengths[longest] >= max(_STUCK, 4 * int(others.max(initial=0)))
+    half = int(lengths[longest]) // 2
+    elsewhere = _usual_move(own, first, last + 1, half) if long and not len(known) else 0.0
+    if long and moves >= least:
         words = f"meanwhile the model moves by {number(moves, 2)} K"
+    elif elsewhere >= least and _breaks_off(times, own, first, last + 1):
+        words = f"its other samples move by {number(elsewhere, 2)} K in half as many, as a rule"
     elif (
         len(steps) > 2
         and lengths[longest] >= _RELEASED
@@ -197,6 +207,34 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
         f"It reads {number(float(own[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; {words}.",
         _leave_out(channel, times, useless) if len(others) else f"Leave {channel} out of 'observations'", useless,
     )  # fmt: skip
+
+
+def _usual_move(own: FloatArray, first: int, end: int, count: int) -> float:
+    """K, by which a channel [t] moves in `count` samples beside a stretch; 0 where it rests or the stretch is most."""
+    sides = [side for side in (own[:first], own[end:]) if len(side) >= count]
+    if not sides or end - first > len(own) // 2:
+        return 0.0
+    moves = np.concatenate([np.ptp(sliding_window_view(side, count), axis=1) for side in sides])
+    return float(np.median(moves)) if moves.min() >= _STEPS * step_of(own) else 0.0
+
+
+def _breaks_off(times: NDArray[np.datetime64], own: FloatArray, first: int, end: int) -> bool:
+    """Whether a stretch of equal samples [t] begins in the midst of a motion, or ends with a jump.
+
+    A temperature that comes to rest slows down before, and it sets out again with steps as any other.
+    """
+    beside = np.diff(times) <= _GAP * np.median(np.diff(times))
+    steps = np.abs(np.diff(own))
+    # The usual one: means of coarse readings are a small step apart now and then.
+    least = _STEPS * max(float(np.median(steps[steps > 0.0])), noise_of(own))
+    if first >= _BEFORE and beside[first - _BEFORE : first].all():
+        earlier, middle, start = own[[first - _BEFORE, first - _BEFORE // 2, first]]
+        if abs(start - middle) >= max(least, _SLOWED * abs(middle - earlier)):
+            return True
+    if end == len(own) or not beside[end - 1]:
+        return False
+    others = np.delete(steps, slice(first, end))
+    return bool(steps[end - 1] >= max(least, _THAN_OTHERS * np.quantile(others, 0.95)))
 
 
 def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
