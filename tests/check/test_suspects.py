@@ -151,8 +151,9 @@ def test_a_simulator_that_is_no_network_is_not_compared():
         lambda theta: 290.0 + theta[0] * np.sin(np.arange(samples()) / 20.0)[:, None] * np.ones(2),
         {"level": 1.0},
     )
-    external = problem.scenario.model_copy(update={"simulator": SimpleNamespace()})
-    found = suspects(replace(problem, scenario=external), xarray.Dataset())
+    window = problem.windows[0].name
+    update = {"simulator": SimpleNamespace(), "windows": {window: problem.scenario.windows["train"]}}
+    found = suspects(replace(problem, scenario=problem.scenario.model_copy(update=update)), xarray.Dataset())
     assert found == Suspects(why_not="the simulator is no thermal network, or a reduced one")
 
 
