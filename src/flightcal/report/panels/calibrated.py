@@ -18,6 +18,7 @@ LITTLE = 0.2
 """Share of the telemetry's word below which a value is more or less what was believed before, unless it moved."""
 FAR = 1.0
 """Deviations of the prior by which a value moved that is not what was believed before."""
+_MOVED = "moved, as wide"
 
 
 @section("calibrated", "Parameters")
@@ -30,9 +31,12 @@ def panel(run: RunFiles) -> list[Block]:
     words = (
         "Before: median of what was believed (the prior). After: mean of what telemetry leaves possible (the "
         "posterior), and the interval that has 95% of it. From telemetry: by how much it made the value surer "
-        "(1 − variance after / before, in normal scores). Moved, as wide: telemetry moved it by over a deviation of "
-        "the prior, but tells it hardly better."
+        "(1 − variance after / before, in normal scores)."
     )
+    if any(_moved(own) for own in rows):
+        words += (
+            f" {_MOVED.capitalize()}: telemetry moved it by over a deviation of the prior, but tells it hardly better."
+        )
     fixed = run.fixed_numbers
     if fixed is not None:
         words += (
@@ -46,6 +50,11 @@ def panel(run: RunFiles) -> list[Block]:
     return [*blocks, block.text(words), *([block.links("To load:", run.files)] if run.files else [])]
 
 
+def _moved(own: Calibrated) -> bool:
+    """Whether telemetry moved a value and made it hardly surer."""
+    return own.from_data < LITTLE and own.moved >= FAR
+
+
 def table(rows: Iterable[Calibrated], within: float | None = None) -> Table:
     """A row for each quantity; within: by how much fixed numbers are off in a further interval; None: without it."""
     cells = []
@@ -53,7 +62,7 @@ def table(rows: Iterable[Calibrated], within: float | None = None) -> Table:
         before, after, lower, upper = in_digits(own.lower, own.upper, own.before, own.mean, own.lower, own.upper)
         told: str = percent(own.from_data, 0)
         if own.from_data < LITTLE:
-            told = Cell(f"{told}\n{'mostly the prior' if own.moved < FAR else 'moved, as wide'}", "warn")
+            told = Cell(f"{told}\n{_MOVED if _moved(own) else 'mostly the prior'}", "warn")
         wider = "–" if own.considered is None else " to ".join(in_digits(*own.considered, *own.considered))
         intervals = [f"{lower} to {upper}"] + [wider] * (within is not None)
         cells.append([own.name, before, after, *intervals, unit(own.unit) or "–", told])
