@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from flightcal.calibration import Calibrated
+from flightcal.calibration import Calibrated, PriorScore
 from flightcal.report import tables
 from flightcal.report.panels import (
     calibrated,
@@ -173,9 +173,8 @@ def test_a_transform_that_is_not_known_is_not_called_good():
     assert [table.state(row, 2) for row in range(2)] == ["good", ""]
 
 
-@pytest.mark.parametrize(("median", "words"), [(0.45, "mostly the prior"), (0.79, "moved, as wide")])
-def test_a_value_that_moved_is_not_mostly_the_prior_however_little_surer_it_became(median, words):
-    own = Calibrated(
-        "g_bus_bat", "parameter", "W/K", 0.4, 0.207, 0.773, median, median, 0.22, median - 0.4, median + 0.4, 0.077
-    )
-    assert str(calibrated.table([own]).rows[0][-1]) == f"8%\n{words}"
+@pytest.mark.parametrize(("score", "words"), [(0.26, "mostly the prior"), (2.05, "moved, as wide")])
+def test_a_value_that_moved_is_not_mostly_the_prior_however_little_surer_it_became(score, words):
+    own = Calibrated("g_bus_bat", "parameter", "W/K", 0.4, 0.207, 0.773, 0.79, 0.79, 0.22, 0.39, 1.19, 0.077)
+    moved = calibrated.moved_far([own], {own.name: PriorScore(score)})
+    assert str(calibrated.table([own], moved=moved).rows[0][-1]) == f"8%\n{words}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -22,10 +21,6 @@ _LEVELS: Final = (0.5 - INTERVAL / 2, 0.5, 0.5 + INTERVAL / 2)
 _FAR: Final = 30.0
 _PRIOR_POINTS: Final = 4000
 """Quantiles of a prior over which its variance is taken."""
-
-
-_OF_95 = 1.96
-"""Deviations from the median to the ends of the 95%."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +58,6 @@ class Calibrated:
         if self.considered_lower is None or self.considered_upper is None:
             return None
         return self.considered_lower, self.considered_upper
-
-    @property
-    def moved(self) -> float:
-        """How far its median is from the prior's, in deviations that the prior has on that side; 0: not known."""
-        end = self.before_upper if self.median > self.before else self.before_lower
-        deviation = abs(end - self.before) / _OF_95
-        return abs(self.median - self.before) / deviation if 0.0 < deviation < math.inf else 0.0
 
     @property
     def times_as_wide(self) -> float:

@@ -190,7 +190,7 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
     elsewhere = _usual_move(own, first, last + 1, half) if long and not len(known) else 0.0
     if long and moves >= least:
         words = f"meanwhile the model moves by {number(moves, 2)} K"
-    elif elsewhere >= least and _breaks_off(times, own, first, last + 1):
+    elif elsewhere >= least and _breaks_off(times, own, first, last + 1, jump):
         words = f"its other samples move by {number(elsewhere, 2)} K in half as many, as a rule"
     elif (
         len(steps) > 2
@@ -218,23 +218,20 @@ def _usual_move(own: FloatArray, first: int, end: int, count: int) -> float:
     return float(np.median(moves)) if moves.min() >= _STEPS * step_of(own) else 0.0
 
 
-def _breaks_off(times: NDArray[np.datetime64], own: FloatArray, first: int, end: int) -> bool:
-    """Whether a stretch of equal samples [t] begins in the midst of a motion, or ends with a jump.
+def _breaks_off(times: NDArray[np.datetime64], own: FloatArray, first: int, end: int, jump: float) -> bool:
+    """Whether a stretch of equal samples [t] begins in the midst of a motion, or ends with a jump of so many K.
 
     A temperature that comes to rest slows down before, and it sets out again with steps as any other.
     """
-    beside = np.diff(times) <= _GAP * np.median(np.diff(times))
-    steps = np.abs(np.diff(own))
+    away, steps = np.diff(times), np.abs(np.diff(own))
     # The usual one: means of coarse readings are a small step apart now and then.
     least = _STEPS * max(float(np.median(steps[steps > 0.0])), noise_of(own))
-    if first >= _BEFORE and beside[first - _BEFORE : first].all():
+    if first >= _BEFORE and away[first - _BEFORE : first].max() <= _GAP * np.median(away):
         earlier, middle, start = own[[first - _BEFORE, first - _BEFORE // 2, first]]
         if abs(start - middle) >= max(least, _SLOWED * abs(middle - earlier)):
             return True
-    if end == len(own) or not beside[end - 1]:
-        return False
     others = np.delete(steps, slice(first, end))
-    return bool(steps[end - 1] >= max(least, _THAN_OTHERS * np.quantile(others, 0.95)))
+    return bool(jump >= max(least, _THAN_OTHERS * np.quantile(others, 0.95)))
 
 
 def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ..report import Finding, ParameterInfo, likely, listed, moment, number, percent, unit
+from ..report import ORDER, Finding, ParameterInfo, likely, listed, moment, number, percent, unit
 from .centre import Centre
 from .evaluate import runs_for_draws
 from .heat import ALIKE, BesideHeat, Imitated, Kind
@@ -19,7 +19,6 @@ from .sensitivity import LIKELIHOOD, Sensitivity
 from .smoothness import REACH, TOLERANCE, Jump, Smoothness
 from .suspects import NOT_COMPARED, Suspects
 
-_WORST_FIRST = ("bad", "warn", "none", "good")
 _REACHED = 0.5
 """Share of a channel's telemetry that the prior must reach."""
 _MOSTLY = 0.95
@@ -91,7 +90,7 @@ def findings_of(checked: Checked) -> list[Finding]:
         _sensitivity(checked),
         *(_profile(checked, profile) for profile in checked.profiles),
     ]
-    return sorted(found, key=lambda finding: _WORST_FIRST.index(finding.state))
+    return sorted(found, key=lambda finding: ORDER.index(finding.state), reverse=True)
 
 
 def verdict_of(findings: Sequence[Finding]) -> tuple[bool, str]:

@@ -131,11 +131,7 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
             modelled[: len(simulated)] = simulated
     except (FlightcalError, SimulationFailure) as error:
         view, why_not = None, str(error)
-    seen = [
-        own
-        for k, channel in enumerate(window.simulator.channels)
-        if (own := broken(channel, window.times, window.observed[:, k], modelled[:, k])) is not None
-    ]
+    seen = _seen(window.simulator.channels, window.times, window.observed, modelled)
     of_channels = [*seen, *_elsewhere(problem, telemetry)]
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in of_channels]
     found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
@@ -168,6 +164,14 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     return Suspects((*found, *compared), True, "", where)
 
 
+def _seen(
+    channels: Sequence[str], times: NDArray[np.datetime64], observed: FloatArray, modelled: FloatArray
+) -> list[Broken]:
+    """What channels show by themselves; observed, modelled: [T, C] K."""
+    looks = (broken(name, times, observed[:, k], modelled[:, k]) for k, name in enumerate(channels))
+    return [own for own in looks if own is not None]
+
+
 def _elsewhere(problem: Problem, telemetry: xarray.Dataset) -> Iterator[Broken]:
     """What channels show by themselves in all windows but the first to train on."""
     scenario, first = problem.scenario, problem.windows[0]
@@ -178,11 +182,9 @@ def _elsewhere(problem: Problem, telemetry: xarray.Dataset) -> Iterator[Broken]:
             samples = select_window(telemetry, own, first.period, name)
         except TelemetryError:  # it is told where the window is used
             continue
-        times, unknown = samples["time"].to_numpy(), np.full(samples.sizes["time"], np.nan)
-        for channel in first.simulator.channels:
-            found = broken(channel, times, samples[channel].to_numpy(), unknown)
-            if found is not None:
-                yield found
+        channels = first.simulator.channels
+        values = np.stack([samples[channel].to_numpy() for channel in channels], axis=1)
+        yield from _seen(channels, samples["time"].to_numpy(), values, np.full(values.shape, np.nan))
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:

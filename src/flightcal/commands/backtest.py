@@ -98,7 +98,7 @@ def backtest_scenario(
     }
     with progress.stage("reading telemetry"):
         data = read(scenario)
-    check_simulator(scenario, data)
+    check_simulator(scenario, lambda: data)
     plan = plan_origins(scenario, data, origins, **lengths)
     with open_for(scenario, Path(out), progress, **{"the command": "backtest"}) as run:
         run.given(run.folder.identity, data)

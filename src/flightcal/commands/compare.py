@@ -131,7 +131,7 @@ def compare_models(
     if leave_windows_out:
         check_windows(scenario)
     if backtest:
-        check_simulator(scenario, read(scenario))
+        check_simulator(scenario, lambda: read(scenario))
     folder = Path(out)
     if folder.is_dir() and any(folder.iterdir()) and not (folder / _LOCK).exists():
         raise RunError(f"{folder}: the folder holds files but no comparison; expected an empty or new folder")

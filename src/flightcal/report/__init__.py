@@ -6,7 +6,7 @@ Imports: calibration, errors, prediction, probability, run, scenario, validation
 from .backtest_page import write_backtest
 from .block import Block, Section
 from .comparison_page import write_comparison
-from .findings import MARKS, UNEXPLAINED, Finding, likely
+from .findings import MARKS, ORDER, UNEXPLAINED, Finding, likely
 from .heat_map import figure_correlation, heat_map
 from .page import compose, write_report
 from .run_files import ParameterInfo, read_run

@@ -20,6 +20,7 @@ from ..calibration import (
     TABLE_FILE,
     Calibrated,
     FixedNumbers,
+    PriorScore,
     read_calibrated,
     read_fixed_numbers,
 )
@@ -148,6 +149,15 @@ class RunFiles:
         """Parameters of which the posterior has draws; none without a posterior."""
         known = self.posterior["posterior"].data_vars if self.posterior is not None else {}
         return [info for info in self.parameters if info.name in known]
+
+    @cached_property
+    def prior_scores(self) -> dict[str, PriorScore]:
+        """Where posteriors lie in their priors, as far as the diagnosis of the chains says it."""
+        return {
+            own["name"]: PriorScore(float(own["prior_score"]), float(own.get("usual_score") or 1.0))
+            for own in (self.diagnostics or {}).get("parameters", [])
+            if own.get("prior_score") is not None
+        }
 
     @cached_property
     def heat(self) -> Record | None:

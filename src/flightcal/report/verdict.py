@@ -7,6 +7,7 @@ from typing import Final
 
 from ..errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
 from .findings import (
+    ORDER,
     Finding,
     State,
     convergence,
@@ -49,7 +50,6 @@ _ANOTHER_WINDOW: Final = (
     "command again."
 )
 """What tries a good run further; a backtest takes no simulator that needs an emulator."""
-_ORDER: Final[tuple[State, ...]] = ("good", "none", "warn", "bad")
 _WITHOUT_LIMIT = "what no test here has looked at"
 
 
@@ -68,7 +68,7 @@ class Answer:
     @property
     def worst(self) -> Finding:
         """The finding that decides."""
-        return max(self.findings, key=lambda found: _ORDER.index(found.state))
+        return max(self.findings, key=lambda found: ORDER.index(found.state))
 
     @property
     def state(self) -> State:
@@ -96,7 +96,7 @@ class Verdict:
     def state(self) -> State:
         """Of the worst answer; what is not known is a caution."""
         known = (("warn" if answer.state == "none" else answer.state) for answer in self.answers)
-        return max(known, key=_ORDER.index)
+        return max(known, key=ORDER.index)
 
     @property
     def use(self) -> str:
@@ -128,7 +128,7 @@ class Verdict:
         found = [found for answer in self.answers for found in answer.findings if found.then and found.state != "good"]
         if not found:
             return _ANOTHER_WINDOW if self.emulated else _BACKTEST
-        return max(found, key=lambda own: _ORDER.index(own.state)).then
+        return max(found, key=lambda own: ORDER.index(own.state)).then
 
     @property
     def exit_code(self) -> int:

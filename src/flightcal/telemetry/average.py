@@ -33,10 +33,9 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
     """Means over blocks of `length` seconds, each at the mean time of its rows; only blocks that hold rows.
 
     Blocks start at whole multiples of `length` since 1970; the time counts rows that hold a sample, where any does.
-    Temperatures and drivers: mean of the valid
-    samples; status: the majority, a tie is on. A block with fewer than half of the samples that the channel's
-    own sampling gives is NaN and flagged `few_samples`, together with the flags of the samples lost; a block
-    that is used has no flag.
+    Temperatures and drivers: mean of the valid samples; status: the majority, a tie is on. A block with fewer than half
+    of the samples that the channel's own sampling gives is NaN and flagged `few_samples`, together with the flags of
+    the samples lost; a block that is used has no flag.
 
     Adds `rows` [time, channel], the rows of the file in each block, and `masked` [time, channel, finding], how many of
     them each finding took away. Raises TelemetryError when `length` is shorter than the sampling interval.
@@ -90,10 +89,10 @@ def _mean_times(
     times: NDArray[np.int64], counts: NDArray[np.bool_], block: NDArray[np.intp], starts: NDArray[np.int64]
 ) -> NDArray[np.datetime64]:
     """Mean times [B] of the rows [N] that count, or of all where none does, in blocks that start at times [B]; ns."""
-    after = times - starts[block]
-    mean, some = _block_mean(np.where(counts, after, np.nan), block, len(starts))
-    whole, _ = _block_mean(after.astype(np.float64), block, len(starts))
-    return np.asarray(starts + np.where(some > 0, mean, whole).round().astype(np.int64)).astype("datetime64[ns]")
+    some = np.bincount(block[counts], minlength=len(starts)) > 0
+    after = np.where(counts | ~some[block], times - starts[block], np.nan)
+    mean, _ = _block_mean(after, block, len(starts))
+    return (starts + mean.round().astype(np.int64)).astype("datetime64[ns]")
 
 
 def _block_mean(

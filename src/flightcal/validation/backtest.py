@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any
 
@@ -21,9 +21,12 @@ from .origins import AHEAD, Origin, Plan
 _FOLDER = "origins"
 
 
-def check_simulator(scenario: Scenario, telemetry: xarray.Dataset) -> None:
-    """Raises RunError where a scenario's simulator cannot be calibrated from each origin."""
-    if isinstance(scenario.simulator, ExternalModel) and needs_emulator(build_problem(scenario, telemetry)):
+def check_simulator(scenario: Scenario, telemetry: Callable[[], xarray.Dataset]) -> None:
+    """Raises RunError where a scenario's simulator cannot be calibrated from each origin.
+
+    telemetry: reads it; only an external simulator asks for it.
+    """
+    if isinstance(scenario.simulator, ExternalModel) and needs_emulator(build_problem(scenario, telemetry())):
         raise RunError(
             "backtest: simulator: found one without derivatives, expected a thermal network or one with a gradient: "
             "each origin would need an emulator of its own"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from ..panels.parameters import shortened
 from ..text import listed
 
 State = Literal["good", "warn", "bad", "none"]
+ORDER: Final[tuple[State, ...]] = ("good", "none", "warn", "bad")
+"""The best first."""
 
 MARKS: dict[str, str] = {"good": "✓ good", "warn": "! caution", "bad": "✕ problem", "none": "– not in this run"}
 """State -> a sign and a word."""

@@ -205,11 +205,8 @@ def prior_conflict(run: RunFiles) -> Finding:
     Where a node without a channel starts is a guess of the scenario's, and no fault of the model.
     """
     kinds = {info.name: info.kind for info in run.parameters}
-    out_by = {
-        own["name"]: PriorScore(float(own["prior_score"]), float(own.get("usual_score") or 1.0))
-        for own in (run.diagnostics or {}).get("parameters", [])
-        if own.get("prior_score") is not None and kinds.get(own["name"]) in ("parameter", "initial", "time")
-    }
+    judged = ("parameter", "initial", "time")
+    out_by = {name: score for name, score in run.prior_scores.items() if kinds.get(name) in judged}
     if not out_by:
         return Finding("none", "Priors are not compared", "The run does not say where posteriors lie in their priors.")
     guessed = [info.name for info in run.parameters if not info.observed and info.name in out_by]

@@ -9,7 +9,7 @@ from ...prediction import Metric
 from ...scenario import is_trained
 from ..run_files import STAGES, RunFiles
 from ..text import listed, number, percent
-from .finding import Finding
+from .finding import ORDER, Finding
 
 EQUAL = 0.02
 """Errors that differ by no more than this share are called equal."""
@@ -47,7 +47,7 @@ def _scores(run: RunFiles, window: str) -> Finding:
         only_heat = all(g["passed"] or g["name"] == LINEAR for g in run.diagnostics.get("gates", []))
         rests_on = "parameters that cannot be relied on" if only_heat else "chains that have not converged"
         reliable, caveat = "warn", f"All this rests on {rests_on}."
-    worst = max((state, reliable), key=("good", "warn", "bad").index)
+    worst = max((state, reliable), key=ORDER.index)
     return Finding(worst, title, f"{words} {interval} {caveat}".strip())  # type: ignore[arg-type]
 
 

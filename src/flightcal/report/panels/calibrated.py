@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 
-from ...calibration import Calibrated
+from ...calibration import Calibrated, PriorScore
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
@@ -17,7 +17,7 @@ MOST_ROWS = 16
 LITTLE = 0.2
 """Share of the telemetry's word below which a value is more or less what was believed before, unless it moved."""
 FAR = 1.0
-"""Deviations of the prior by which a value moved that is not what was believed before."""
+"""Normal score of a median in its prior, from which a value moved and is not what was believed before."""
 _MOVED = "moved, as wide"
 
 
@@ -33,7 +33,8 @@ def panel(run: RunFiles) -> list[Block]:
         "posterior), and the interval that has 95% of it. From telemetry: by how much it made the value surer "
         "(1 − variance after / before, in normal scores)."
     )
-    if any(_moved(own) for own in rows):
+    moved = moved_far(rows, run.prior_scores)
+    if moved:
         words += (
             f" {_MOVED.capitalize()}: telemetry moved it by over a deviation of the prior, but tells it hardly better."
         )
@@ -44,25 +45,29 @@ def panel(run: RunFiles) -> list[Block]:
             "and whatever else is no parameter are uncertain by that. Temperatures hardly depend on it, the values do."
         )
     within = None if fixed is None else fixed.within
-    blocks = [block.table(table(rows[:MOST_ROWS], within))]
+    blocks = [block.table(table(rows[:MOST_ROWS], within, moved))]
     if rows[MOST_ROWS:]:
-        blocks.append(block.folded(f"{len(rows) - MOST_ROWS} more", table(rows[MOST_ROWS:], within)))
+        blocks.append(block.folded(f"{len(rows) - MOST_ROWS} more", table(rows[MOST_ROWS:], within, moved)))
     return [*blocks, block.text(words), *([block.links("To load:", run.files)] if run.files else [])]
 
 
-def _moved(own: Calibrated) -> bool:
-    """Whether telemetry moved a value and made it hardly surer."""
-    return own.from_data < LITTLE and own.moved >= FAR
+def moved_far(rows: Iterable[Calibrated], scores: Mapping[str, PriorScore]) -> set[str]:
+    """Names of values that telemetry moved and made hardly surer."""
+    far = {name for name, own in scores.items() if abs(own.prior_score) >= FAR}
+    return {own.name for own in rows if own.from_data < LITTLE and own.name in far}
 
 
-def table(rows: Iterable[Calibrated], within: float | None = None) -> Table:
-    """A row for each quantity; within: by how much fixed numbers are off in a further interval; None: without it."""
+def table(rows: Iterable[Calibrated], within: float | None = None, moved: Collection[str] = ()) -> Table:
+    """A row for each quantity.
+
+    within: by how much fixed numbers are off in a further interval; None: without it. moved: see `moved_far`.
+    """
     cells = []
     for own in rows:
         before, after, lower, upper = in_digits(own.lower, own.upper, own.before, own.mean, own.lower, own.upper)
         told: str = percent(own.from_data, 0)
         if own.from_data < LITTLE:
-            told = Cell(f"{told}\n{_MOVED if _moved(own) else 'mostly the prior'}", "warn")
+            told = Cell(f"{told}\n{_MOVED if own.name in moved else 'mostly the prior'}", "warn")
         wider = "–" if own.considered is None else " to ".join(in_digits(*own.considered, *own.considered))
         intervals = [f"{lower} to {upper}"] + [wider] * (within is not None)
         cells.append([own.name, before, after, *intervals, unit(own.unit) or "–", told])
