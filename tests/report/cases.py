@@ -111,6 +111,18 @@ def elsewhere(run):
     return dataclasses.replace(run, windows=run.windows | {"test": test})
 
 
+def one_channel_says_nothing(run):
+    """The battery's intervals are 40 K wide: whatever it reads is inside."""
+    right = fitted(run)
+    test = right.windows["test"]
+    wide = xr.where(test["channel"] == "battery_temperature", 20.0, 0.0) * xr.where(
+        test["by"] == "stochastic", 1.0, 0.0
+    )
+    score = xr.where(test["channel"] == "battery_temperature", 0.23 * 20.0 / 1.96, test["crps"])
+    made = test.assign(lower=test["lower"] - wide, upper=test["upper"] + wide, crps=score)
+    return dataclasses.replace(right, windows=right.windows | {"test": made})
+
+
 def no_heaters(run):
     right = fitted(run)
     windows = {
@@ -312,6 +324,11 @@ CASES = (
         "The same, and the Sun is where it was not in training.", errors_where_training_was_not,
         BATTERY, "too short to tell whether by chance; 66% of the window is outside of what training contained",
         "Add longer windows to test on: windows: {test: {start: ..., end: ...}}", WITH_LIMITS,
+    ),
+    Case(
+        "Nothing is known of a heater: one channel's intervals are so wide that they always hold.",
+        one_channel_says_nothing, BATTERY, "Intervals of battery_temperature are 41 K wide and say nothing", CHECK,
+        WITH_LIMITS,
     ),
     Case(
         "All channels read 5 K too much, where training was not.", all_channels_fail_where_training_was_not, NOT,

@@ -10,6 +10,7 @@ import pytest
 
 from flightcal.report import page, verdict_of
 from flightcal.report.page import render
+from flightcal.report.panels.picture import choose, wide_intervals
 
 from .cases import (
     CASES,
@@ -21,6 +22,7 @@ from .cases import (
     no_heaters,
     not_converged,
     one_channel_fails,
+    one_channel_says_nothing,
     prior_is_doubtful,
     status_is_not_measured,
 )
@@ -94,6 +96,16 @@ def test_the_picture_is_of_the_channel_that_fails_and_of_another_in_the_unseen_w
     assert titles[0] == "<b>battery temperature: 0% inside, worst of 3</b>"
     assert re.fullmatch(r"<b>(panel|payload) temperature: 9\d% inside</b>", titles[1])
     assert titles[2:] == ["<b>battery heater</b>", "<b>payload heater</b>"]
+
+
+def test_an_interval_that_says_less_than_training_did_is_of_no_use_however_much_is_inside(run):
+    made = one_channel_says_nothing(run)
+    (battery,) = wide_intervals(made)
+    assert (battery.channel, battery.window) == ("battery_temperature", "test")
+    assert battery.width > 40.0 > 4.0 * battery.varies
+    assert choose(made).worst == "battery_temperature"
+    sharp = made.windows["test"].assign(crps=0.1 * made.windows["test"]["crps"])
+    assert not wide_intervals(dataclasses.replace(made, windows=made.windows | {"test": sharp}))
 
 
 def test_eclipses_are_explained_only_where_there_are_some(run):

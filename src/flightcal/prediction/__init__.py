@@ -4,7 +4,15 @@ Imports: calibration, emulation, environment, errors, probability, problem, run,
 """
 
 from .holding import HELD, Holding, hold_together, replicates_of
-from .metrics import GENETIC_RUNS, ZERO_CELSIUS, Metric, comparison_table, implied_energy, score
+from .metrics import (
+    GENETIC_RUNS,
+    ZERO_CELSIUS,
+    Metric,
+    comparison_table,
+    crps_of_draws,
+    implied_energy,
+    score,
+)
 from .predict import predict
 from .stages import PREDICT, PREDICTION_FILE
 from .unseen import ANY, Unseen, read_unseen

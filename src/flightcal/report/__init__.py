@@ -1,6 +1,6 @@
 """The report of a run directory: one HTML page with figures, tables and a verdict, readable offline.
 
-Imports: calibration, errors, prediction, probability, run, scenario, validation.
+Imports: calibration, errors, prediction, probability, run, scenario, simulator, validation.
 """
 
 from .backtest_page import write_backtest

@@ -28,6 +28,7 @@ from .findings import (
     temperatures_of,
     time_tags,
     valued,
+    width,
 )
 from .panels.parameters import MOST_NAMED
 from .run_files import RunFiles
@@ -167,7 +168,7 @@ def verdict_of(run: RunFiles) -> Verdict:
         (
             Answer(CONVERGED, (*interrupted(run), convergence(run.diagnostics), *explanations(run))),
             Answer(RIGHT, (*likely(run.suspects), noise(run), *heat(run), prior_conflict(run), *stand_in(run))),
-            Answer(HOLD, (holding(run), *heaters(run))),
+            Answer(HOLD, (holding(run), *width(run), *heaters(run))),
         ),
         (*scores(run), *resting(run), *time_tags(run), *missing(run)),
         tuple(held_channels(run)),

@@ -4,4 +4,4 @@ from .finding import MARKS, ORDER, Finding, State, in_few_words, temperatures_of
 from .model import UNEXPLAINED, heat, likely, noise, prior_conflict, resting, stand_in, time_tags
 from .sampling import convergence, explanations, interrupted
 from .scored import missing, scores
-from .unseen import heaters, held_channels, holding
+from .unseen import heaters, held_channels, holding, width

@@ -9,10 +9,10 @@ import xarray as xr
 
 from ...prediction import HELD
 from ..panels.duty import CLOSED, duties
-from ..panels.picture import holdings
+from ..panels.picture import holdings, wide_intervals
 from ..panels.prediction import unseen, unseen_share
 from ..run_files import RunFiles
-from ..text import listed, percent
+from ..text import listed, number, percent
 from .finding import AGAIN, CHECK, Finding, State, temperatures_of
 
 STRIKING = 0.6
@@ -86,6 +86,34 @@ def holding(run: RunFiles) -> Finding:
     state: State = "bad" if 2 * len(failed) >= len(channels) else "warn"
     not_for = tuple(map(temperatures_of, [*failed, *few]))
     return Finding(state, title, text, tuple(details), not_for, CHECK)
+
+
+def width(run: RunFiles) -> list[Finding]:
+    """Channels of which a prediction says less than that they read what they read in training."""
+    found = wide_intervals(run)
+    if not found:
+        return []
+    worst, *others = found
+    of_all = len(held_channels(run))
+    title = f"Intervals of {worst.channel} are {number(worst.width, 2)} K wide and say nothing"
+    if others:
+        title = (
+            f"Intervals of {len(found)} of {of_all} channels say nothing, worst {worst.channel}, "
+            f"{number(worst.width, 2)} K wide"
+        )
+    text = (
+        f"In “{worst.window}” they are {number(worst.width, 2)} K wide; in training {worst.channel} varies by "
+        f"{number(worst.varies, 2)} K. That it will read again what it read there is a better prediction (CRPS). So "
+        "wide an interval holds whatever the model is. Heat that nobody knows does that: of a heater whose status is "
+        "not measured and whose thresholds are off, of a mode, of a load."
+    )
+    details = tuple(
+        f"{own.channel}: {number(own.width, 2)} K wide in “{own.window}”, {number(own.varies, 2)} K in training."
+        for own in found
+    )
+    state: State = "bad" if 2 * len(found) >= of_all else "warn"
+    not_for = tuple(temperatures_of(own.channel) for own in found)
+    return [Finding(state, title, text, details, not_for, CHECK)]
 
 
 def _outside(window: xr.Dataset) -> str:

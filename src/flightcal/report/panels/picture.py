@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from ...prediction import Holding, hold_together, replicates_of
+from ...prediction import Holding, crps_of_draws, hold_together, replicates_of
+from ...simulator import FloatArray
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
@@ -21,6 +22,23 @@ MOST_HEATERS = 3
 MOST_OF_A_NAME = 24
 """Characters of a name beside which its title says more and fits on a phone."""
 HEIGHTS = Heights(channel=128, heater=40, gap=30)
+_WIDE, _LEAST_WIDE = 2.0, 5.0
+"""Times as wide as a channel's readings vary in training, and K, from which an interval may say less than these."""
+_READINGS = 1_000
+"""Of a channel, that say how it reads in training."""
+
+
+@dataclass(frozen=True)
+class WideInterval:
+    """Of a channel, where its own readings in training say more than a prediction."""
+
+    channel: str
+    window: str
+    """That was not trained on, and where the interval is widest."""
+    width: float
+    """K, the median over the window,"""
+    varies: float
+    """and K by which the channel varies in training."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +94,44 @@ def holdings(run: RunFiles) -> dict[str, Holding]:
     return dict(zip(windows, hold_together([replicates_of(window) for window in windows.values()]), strict=True))
 
 
+def wide_intervals(run: RunFiles) -> list[WideInterval]:
+    """Channels of which a prediction says less than that they read what they read in training, the widest first.
+
+    Such an interval holds whatever the model is. The readings in training are a prediction by themselves, as
+    climatology is one of weather: a model has skill where its CRPS is smaller (Wilks 2011, Statistical Methods in the
+    Atmospheric Sciences, 8.1.4).
+    """
+    found: dict[str, WideInterval] = {}
+    trained = _trained(run)
+    tails = [0.5 - 0.5 * run.nominal, 0.5 + 0.5 * run.nominal]
+    for name, window in run.test_windows.items():
+        if not has_prediction(window, "stochastic") or "crps" not in window:
+            continue
+        for channel in filter(trained.__contains__, names(window, "channel")):
+            own = window.sel(channel=channel, by="stochastic")
+            known = np.isfinite(own["crps"].values)
+            if not known.any():
+                continue
+            varies = float(np.ptp(np.quantile(trained[channel], tails)))
+            wide = WideInterval(channel, name, float(np.median((own["upper"] - own["lower"]).values[known])), varies)
+            by_readings = crps_of_draws(own["observed"].values[known], trained[channel][:, None])
+            says_less = own["crps"].values[known].mean() > by_readings.mean()
+            if says_less and wide.width > max(_WIDE * varies, _LEAST_WIDE):
+                found[channel] = max(wide, found.get(channel, wide), key=lambda each: each.width)
+    return sorted(found.values(), key=lambda each: -each.width)
+
+
+def _trained(run: RunFiles) -> dict[str, FloatArray]:
+    """Readings of each channel in all windows that were trained on, K; at most some thousand of each."""
+    windows = [window for name, window in run.windows.items() if name not in run.test_windows]
+    found: dict[str, list[FloatArray]] = {}
+    for window in windows:
+        for channel, values in zip(names(window, "channel"), window["observed"].values.T, strict=True):
+            found.setdefault(channel, []).append(values[np.isfinite(values)])
+    joined = {channel: np.concatenate(own) for channel, own in found.items()}
+    return {channel: own[:: 1 + len(own) // _READINGS] for channel, own in joined.items() if len(own)}
+
+
 def choose(run: RunFiles) -> Chosen | None:
     """The channel that holds least on unseen telemetry, and the middle one of the others; None without a prediction."""
     rooms = {
@@ -88,10 +144,12 @@ def choose(run: RunFiles) -> Chosen | None:
     if rooms:
         # Of channels that all hold, the one with least inside.
         window, worst = min(rooms, key=lambda place: (min(rooms[place][0], 0.0), rooms[place][1]))
-        # Where all hold, what the verdict may name is the channel whose noise is not what was assumed.
+        # Where all hold, what the verdict may name is the channel whose noise is not what was assumed, or a wide one.
         noisy = [own for of in run.checks_of_training.values() for own in of if own.verdict == "contradicted"]
         if noisy and rooms[window, worst][0] >= 0.0:
             worst = max(noisy, key=lambda own: own.factor).channel
+        elif (wide := wide_intervals(run)) and rooms[window, worst][0] >= 0.0:
+            window, worst = wide[0].window, wide[0].channel
         others = sorted((room, channel) for (own, channel), (room, _) in rooms.items() if own == window)
         others = [own for own in others if own[1] != worst]
         share = {channel: share for (own, channel), (_, share) in rooms.items() if own == window}
