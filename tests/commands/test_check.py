@@ -176,7 +176,7 @@ def test_a_simulator_without_derivatives_is_checked_within_the_budget_that_is_st
     titles = [finding.title for finding in summary.findings]
     assert "There is no gradient to check" in titles
     assert "Jumps were not looked for" in titles
-    assert any(title.startswith("Not looked for: wrong clocks") for title in titles)
+    assert any(title.startswith("Not looked for: wrong heaters") for title in titles)
     content = json.loads((tmp_path / "run" / "check.json").read_text())
     assert "RBD-FAST" in content["sensitivity"]["method"]
 

@@ -4,7 +4,7 @@ Imports: calibration, emulation, environment, errors, probability, problem, prog
 simulator, telemetry.
 """
 
-from .evaluate import effort_for
+from .evaluate import PriorRuns, effort_for
 from .profile import check_names
 from .suspects import SUSPECTS, Suspects, suspects
 from .whole import CHECK, CheckSummary, check

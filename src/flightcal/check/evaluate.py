@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,6 +31,25 @@ class Effort:
     """Points of each one-dimensional scan."""
     searches: int
     """Prior draws from which the mode is sought, or Gauss-Newton steps at most where there are no derivatives."""
+
+
+@dataclass(frozen=True)
+class PriorRuns:
+    """Simulations of a problem at draws of its prior: made when they are first wanted, for all that want them."""
+
+    problem: Problem
+    draws: int = 100
+
+    @cached_property
+    def thetas(self) -> FloatArray:
+        """[S, d]"""
+        seed = self.problem.scenario.calibration.seed
+        return np.asarray(self.problem.priors.sample(np.random.default_rng(seed), self.draws))
+
+    @cached_property
+    def runs(self) -> ManyRuns:
+        """[S]"""
+        return self.problem.simulate_many(self.thetas)
 
 
 THOROUGH = Effort(draws=400, base=256, scan=61, searches=4)

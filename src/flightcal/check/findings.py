@@ -17,7 +17,7 @@ from .prior_predictive import EDGE, ChannelReach, PriorPredictive
 from .profile import Profile
 from .sensitivity import LIKELIHOOD, Sensitivity
 from .smoothness import REACH, TOLERANCE, Jump, Smoothness
-from .suspects import NOT_COMPARED, Suspects
+from .suspects import Suspects
 
 _REACHED = 0.5
 """Share of a channel's telemetry that the prior must reach."""
@@ -116,13 +116,15 @@ def suspected(suspects: Suspects) -> list[Finding]:
         found.append(Finding("warn", "No simple wrong explains how far the model is off", text))
     if suspects.looked and not found:
         text = "Clocks, units, biases, swapped channels, status, heaters, modes, drivers and the orbit were tried."
+        if suspects.why_not:
+            text = "Clocks, units, biases, swapped channels, status and priors were tried."
         found.append(Finding("good", "No simple wrong explains the telemetry better than the scenario", text))
     if suspects.why_not:
         text = (
             f"Nothing of this kind was compared with the simulator: {suspects.why_not}. Look for it yourself where the "
             "prior does not reach the telemetry, or where a value or a noise is far out in its prior."
         )
-        found.append(Finding("warn", f"Not looked for: {NOT_COMPARED}", text))
+        found.append(Finding("warn", f"Not looked for: {suspects.left_out}", text))
     return found
 
 

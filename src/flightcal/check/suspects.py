@@ -21,7 +21,9 @@ from ..report import UNEXPLAINED
 from ..run import Run, Stage, plain, read_json, typed
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from ..telemetry import select_window
+from .black_box import Ensemble, compared, ensemble_of, no_temperatures, told_by_status
 from .broken import Broken, broken
+from .evaluate import PriorRuns
 from .evidence import Fit, Gaussian, climbed, gaussian
 from .jumps import Jump, in_words, jumps
 from .misfit import Misfit, misfit
@@ -33,7 +35,10 @@ from .wrongs.heat import now_and_then
 
 SUSPECTS_FILE = "suspects.json"
 NOT_COMPARED = "wrong clocks, units, biases, swapped channels, status, heaters, modes, drivers and orbit"
-"""What only a comparison with the simulator tells."""
+"""What only a comparison with the simulator tells,"""
+INSIDE = "wrong heaters, modes, drivers, faces, attitude and orbit"
+"""and what only a simulator that is looked into."""
+_RUN_ONLY = "the simulator is no thermal network, or a reduced one: it is run, and not looked into"
 _CLEAR = 10.0
 """Nats by which a wrong has to be better than nothing wrong, odds counted, to be named."""
 _PROMISING = 2.0
@@ -59,6 +64,8 @@ _LEFT = 0.2
 _FAR = 5.0
 """Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
 of them, one is there about as seldom as `_CLEAR` says."""
+_LEFT_BY_RUNS, _FAR_BY_RUNS = 0.5, 8.0
+"""The same two beside a simulator that is only run: where a wrong is put right, how it begins is linear there."""
 _SHOWN, _NEAR = 3, 0.2
 """So many are named at most, and only if the best is not better by `_CLEAR` and by so much of what it explains."""
 _FIRST_SIZES = (1.0, 3.0)
@@ -99,7 +106,7 @@ class Suspects:
     looked: bool = False
     """Whether the telemetry was compared with the simulator, beside what it shows by itself."""
     why_not: str = ""
-    """Why it was not, where it was not."""
+    """Why it was not, where it was not, or why not in all."""
     misfit: Misfit | None = None
     """Where the model is farthest off, if it is beyond what is usual and nothing says why."""
 
@@ -113,22 +120,30 @@ class Suspects:
             return "" if own.kind == UNEXPLAINED else f"likely wrong{one_of}: "
 
         found = tuple(f"{mark(own)}{own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
-        return (*found, f"not looked for: {NOT_COMPARED}; {self.why_not}") if self.why_not else found
+        return (*found, f"not looked for: {self.left_out}; {self.why_not}") if self.why_not else found
+
+    @property
+    def left_out(self) -> str:
+        """What nobody looked for."""
+        return INSIDE if self.looked else NOT_COMPARED
 
 
-def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
+def suspects(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns | None = None) -> Suspects:
     """What is likely to be wrong with a scenario or its telemetry, by its first training window.
 
-    What a channel shows by itself is looked for in every window. telemetry: what the problem was built from. Of a
-    simulator that is no thermal network only what the telemetry shows by itself.
+    What a channel shows by itself is looked for in every window. telemetry: what the problem was built from.
+    prior_runs: of a simulator that is no thermal network; None: it is simulated here.
     """
-    window, why_not = problem.windows[0], "the simulator is no thermal network, or a reduced one"
-    modelled = np.full(window.observed.shape, np.nan)
+    window, why_not = problem.windows[0], _RUN_ONLY
+    modelled, ensemble = np.full(window.observed.shape, np.nan), None
     try:
         view = prepared(problem.scenario, telemetry)
         if view is not None:
             simulated = view.simulated(view.window, view.middle)
             modelled[: len(simulated)] = simulated
+        else:
+            ensemble = _ensemble(problem, telemetry, prior_runs or PriorRuns(problem))
+            modelled = ensemble.simulated.mean(axis=0)
     except (FlightcalError, SimulationFailure) as error:
         view, why_not = None, str(error)
     seen = _seen(window.simulator.channels, window.times, window.observed, modelled)
@@ -141,9 +156,12 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     if any(kind == "order" for kind, _, _ in jumped):
         why_not = "telemetry that is not in order is not compared with the simulator"
         view = None
+        ensemble = None
+    if ensemble is not None:
+        return _beside_runs(replace(ensemble, telemetry=_known(telemetry, window.times, seen)), found)
     if view is None:
         return Suspects(tuple(found), False, why_not)
-    view = _without(view, window.times, seen)
+    view = replace(view, telemetry=_known(view.telemetry, window.times, seen))
     if not np.isfinite(view.observed).any():
         return Suspects(tuple(found), True)
     try:
@@ -153,15 +171,15 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
         return Suspects(tuple(found), False, str(failure))
     odd = list(disobeyed(view.window))
     helps = _compared(view, base, nothing, _concerned(view, [name for name, _, _ in odd]))
-    compared, where = ranked(helps, nothing), None
-    if not compared and not nothing.is_usual:
+    likely, where = ranked(helps, nothing), None
+    if not likely and not nothing.is_usual:
         where = misfit(view, nothing.z)
-        compared = unexplained(nothing, where, helps)
-    kinds = {own.kind for own in (*found, *compared)}
+        likely = unexplained(nothing, where, helps)
+    kinds = {own.kind for own in (*found, *likely)}
     for name, words, constant in odd:
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
-    return Suspects((*found, *compared), True, "", where)
+    return Suspects((*found, *likely), True, "", where)
 
 
 def _seen(
@@ -194,13 +212,40 @@ def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list
     return jumps(names, window.times, window.observed[:, chosen], modelled[:, chosen])
 
 
-def _without(view: View, times: NDArray[np.datetime64], seen: list[Broken]) -> View:
-    """A view without the samples that are known to be of no use."""
-    data = view.telemetry
+def _known(data: xarray.Dataset, times: NDArray[np.datetime64], seen: list[Broken]) -> xarray.Dataset:
+    """Telemetry without the samples that are known to be of no use."""
     for own in seen:
         useless = np.isin(data["time"].to_numpy(), times[own.useless])
         data = data.assign({own.channel: ("time", np.where(useless, np.nan, data[own.channel].to_numpy()))})
-    return replace(view, telemetry=data)
+    return data
+
+
+def _ensemble(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns) -> Ensemble:
+    """Simulations of a simulator that is run and not looked into. Raises SimulationFailure where too few finish."""
+    ensemble = ensemble_of(problem, telemetry, prior_runs.thetas, prior_runs.runs)
+    if ensemble is None:
+        raise SimulationFailure("too few simulations at draws of the prior finish")
+    return ensemble
+
+
+def _beside_runs(ensemble: Ensemble, found: list[Suspicion]) -> Suspects:
+    """What was found, and what explains the telemetry of a simulator that is run and not looked into."""
+    strange = [Suspicion("unit", channel, *astuple(words)) for channel, words in no_temperatures(ensemble)]
+    if strange or not np.isfinite(ensemble.observed).any():
+        return Suspects((*strange, *found), False, "temperatures that no satellite has are not compared")
+    told = told_by_status(ensemble, _CLEAR)
+    found = [*found, *(Suspicion(kind, about, *astuple(words)) for kind, about, words in told)]
+    nothing, better = compared(ensemble, _CLEAR)
+    helps = [(fit, _suspicion(wrong, fit, nats)) for fit, wrong, nats in better]
+    named = ranked(helps, nothing, _LEFT_BY_RUNS, _FAR_BY_RUNS)
+    if not named and not nothing.is_usual:
+        named = unexplained(nothing, None, helps)
+    return Suspects((*found, *named), True, _RUN_ONLY)
+
+
+def _suspicion(wrong: Wrong, fit: Fit, nats: float) -> Suspicion:
+    words = wrong.words(fit) if callable(wrong.words) else wrong.words
+    return Suspicion(wrong.kind, wrong.about, words.title, words.sentence, words.advice, nats)
 
 
 @dataclass(frozen=True)
@@ -252,8 +297,7 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
         certain = best.about in odd and best.kind in _OF_THERMOSTATS
         if not matters or nats <= (_PROMISING if certain else _CLEAR):
             return None
-        words = best.words(fit) if callable(best.words) else best.words
-        return fit, Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
+        return fit, _suspicion(best, fit, nats)
 
     found = [own for own in in_parallel(named, len(chosen)) if own is not None]
     once: list[tuple[Fit, Suspicion]] = []
@@ -283,7 +327,7 @@ def _is_nearer(view: View, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
     if wrong.scale.factor >= 1.0 or wrong.observed is None:
         return True
     kept = view.rows.kept
-    read = _read(view, wrong)
+    read = wrong.read(view.observed)
     left = read - view.simulated(view.window, fit.z)[kept]
     before = view.observed - view.simulated(view.window, nothing.z)[kept]
     changed = np.any(np.abs(read - view.observed) > 0.0, axis=0)
@@ -333,10 +377,10 @@ def _sized(wrong: Wrong) -> bool:
     return wrong.kind in _BY_SIZE and wrong.closer is not None
 
 
-def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
+def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit, left: float = _LEFT, far: float = _FAR) -> list[Suspicion]:
     """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, and nothing far off."""
-    explains = [own for own in best if own[0].is_usual or own[0].lacking < _LEFT * nothing.lacking]
-    named = [own for fit, own in explains if fit.farthest < _FAR]
+    explains = [own for own in best if own[0].is_usual or own[0].lacking < left * nothing.lacking]
+    named = [own for fit, own in explains if fit.farthest < far]
     most = max((own.nats or 0.0 for own in named), default=0.0)
     return [own for own in named[:_SHOWN] if most - (own.nats or 0.0) < max(_CLEAR, _NEAR * most)]
 
@@ -366,7 +410,7 @@ def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
 
 def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     """Nats by which a wrong is better than nothing, at first look. Raises SimulationFailure."""
-    observed, point = _read(view, wrong), look.around.point
+    observed, point = wrong.read(view.observed), look.around.point
     # Most wrongs leave the telemetry as it is.
     shift = (view.middle if observed is view.observed else view.centre(observed)) - view.middle
     if wrong.memory is not None:
@@ -431,7 +475,7 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
 def _climbed(view: View, wrong: Wrong, base: Point) -> Fit:
     """The fit where a wrong is put right. Raises SimulationFailure."""
     window, seen = wrong.window or view.window, _reading(view, wrong)
-    return climbed(seen, window, _read(view, wrong), base, wrong.columns, wrong.scale)
+    return climbed(seen, window, wrong.read(view.observed), base, wrong.columns, wrong.scale)
 
 
 def _reading(view: View, wrong: Wrong) -> View:
@@ -448,20 +492,8 @@ def _with_wider_prior(view: View, entry: int, base: Point) -> Fit:
     return replace(fit, added=np.array([off]))
 
 
-def _read(view: View, wrong: Wrong) -> FloatArray:
-    """Telemetry [t, N] without the wrong; where there was something, and nothing is left, what is nearest in time."""
-    if wrong.observed is None:
-        return view.observed
-    found = wrong.observed.copy()
-    for k in range(found.shape[1]):
-        valid = np.isfinite(found[:, k])
-        if valid.any() and not valid.all():
-            found[:, k] = np.interp(np.arange(len(valid)), np.flatnonzero(valid), found[valid, k])
-    return np.where(np.isfinite(view.observed), found, np.nan)
-
-
-def _make(run: Run, problem: Problem, telemetry: xarray.Dataset) -> None:
-    run.folder.write_json(SUSPECTS_FILE, plain(suspects(problem, telemetry)))
+def _make(run: Run, problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns | None = None) -> None:
+    run.folder.write_json(SUSPECTS_FILE, plain(suspects(problem, telemetry, prior_runs)))
 
 
 def _kept(run: Run, *_: Any) -> Suspects:
@@ -470,4 +502,4 @@ def _kept(run: Run, *_: Any) -> Suspects:
 
 
 SUSPECTS: Final = Stage("suspects", "looking for what may be wrong", (SUSPECTS_FILE,), _make, _kept)
-"""Of a problem and its telemetry."""
+"""Of a problem, its telemetry and simulations at draws of its prior."""

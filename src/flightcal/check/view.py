@@ -125,60 +125,32 @@ class Point:
     """[R, s] K of a deviation of each switch's time."""
 
 
-@dataclass(frozen=True)
-class View:
-    """One window of a scenario, and its telemetry as rows."""
+class Comparison:
+    """Telemetry of one window, as rows, beside what a model gives for them: what most wrongs of channels need."""
 
-    problem: Problem
-    """Of that window alone, driven by measured status where there is one."""
     telemetry: xarray.Dataset
+    """That the window is of."""
     rows: Rows
-    heat: HeatModel
     thermostats: tuple[Thermostat, ...] = ()
-    widened: int | None = None
-    """The entry whose prior is wider than written."""
-    moved: Moved = ()
-    """Entries whose priors are for so many times the values that are written."""
-    memory: Memory | None = None
-    """Of one channel."""
 
     @property
     def window(self) -> Window:
-        """That of the problem."""
-        return self.problem.windows[0]
+        """That is compared."""
+        raise NotImplementedError
+
+    @property
+    def modelled(self) -> FloatArray:
+        """[R] K at the centre of the prior. Raises SimulationFailure, as `begun` does."""
+        raise NotImplementedError
+
+    def begun_of(self, channel: int) -> FloatArray:
+        """[R] K for each kelvin that a channel's node is warmer at the beginning. Raises SimulationFailure."""
+        raise NotImplementedError
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Temperature channels [N]."""
-        return self.problem.channels
-
-    @property
-    def network(self) -> NetworkSimulator:
-        """What simulates the window."""
-        assert self.window.network is not None
-        return self.window.network
-
-    def utc(self, seconds: FloatArray) -> NDArray[np.datetime64]:
-        """Times at seconds from the window's start."""
-        return seconds_later(self.window.start, seconds)
-
-    def simulated_by(self, **changes: Any) -> Window:
-        """The window with changes of its simulator."""
-        return replace(self.window, simulator=replace(self.network, **changes))
-
-    def with_numbers(self, written: FloatArray) -> Window:
-        """The window with other numbers [P] written in its scenario."""
-        return self.window.with_written(written)
-
-    def with_inputs(self, inputs: FloatArray) -> Window:
-        """The window with other inputs [K, 2, q]."""
-        return self.simulated_by(drive=replace(self.network.drive, inputs=inputs))
-
-    def exchanged(self, ones: list[int], others: list[int]) -> Window:
-        """The window with some columns of its inputs in the place of others, and these in theirs."""
-        inputs = self.network.drive.inputs.copy()
-        inputs[:, :, ones + others] = inputs[:, :, others + ones]
-        return self.with_inputs(inputs)
+        return self.window.simulator.channels
 
     @cached_property
     def observed(self) -> FloatArray:
@@ -255,6 +227,67 @@ class View:
         """
         return self.of_channel(channel, more[:, None]) - more[0] * self.begun[:, [channel]]
 
+    def modelled_of(self, channel: int) -> FloatArray:
+        """[t] K, of one channel."""
+        t = len(self.rows.kept)
+        return self.modelled[channel * t : (channel + 1) * t]
+
+    @cached_property
+    def begun(self) -> FloatArray:
+        """[R, N] K, of all channels."""
+        return np.stack([self.begun_of(channel) for channel in range(len(self.channels))], axis=1)
+
+
+@dataclass(frozen=True)
+class View(Comparison):
+    """One window of a scenario, and its telemetry as rows."""
+
+    problem: Problem
+    """Of that window alone, driven by measured status where there is one."""
+    telemetry: xarray.Dataset
+    rows: Rows
+    heat: HeatModel
+    thermostats: tuple[Thermostat, ...] = ()
+    widened: int | None = None
+    """The entry whose prior is wider than written."""
+    moved: Moved = ()
+    """Entries whose priors are for so many times the values that are written."""
+    memory: Memory | None = None
+    """Of one channel."""
+
+    @property
+    def window(self) -> Window:
+        """That of the problem."""
+        return self.problem.windows[0]
+
+    @property
+    def network(self) -> NetworkSimulator:
+        """What simulates the window."""
+        assert self.window.network is not None
+        return self.window.network
+
+    def utc(self, seconds: FloatArray) -> NDArray[np.datetime64]:
+        """Times at seconds from the window's start."""
+        return seconds_later(self.window.start, seconds)
+
+    def simulated_by(self, **changes: Any) -> Window:
+        """The window with changes of its simulator."""
+        return replace(self.window, simulator=replace(self.network, **changes))
+
+    def with_numbers(self, written: FloatArray) -> Window:
+        """The window with other numbers [P] written in its scenario."""
+        return self.window.with_written(written)
+
+    def with_inputs(self, inputs: FloatArray) -> Window:
+        """The window with other inputs [K, 2, q]."""
+        return self.simulated_by(drive=replace(self.network.drive, inputs=inputs))
+
+    def exchanged(self, ones: list[int], others: list[int]) -> Window:
+        """The window with some columns of its inputs in the place of others, and these in theirs."""
+        inputs = self.network.drive.inputs.copy()
+        inputs[:, :, ones + others] = inputs[:, :, others + ones]
+        return self.with_inputs(inputs)
+
     @cached_property
     def sunlight(self) -> Sunlight:
         """Of the window."""
@@ -311,16 +344,6 @@ class View:
     def modelled(self) -> FloatArray:
         """[R] K there. Raises SimulationFailure, as `begun` does."""
         return self.temperatures(self.window, self.middle)
-
-    def modelled_of(self, channel: int) -> FloatArray:
-        """[t] K, of one channel."""
-        t = len(self.rows.kept)
-        return self.modelled[channel * t : (channel + 1) * t]
-
-    @cached_property
-    def begun(self) -> FloatArray:
-        """[R, N] K, of all channels."""
-        return np.stack([self.begun_of(channel) for channel in range(len(self.channels))], axis=1)
 
     def begun_of(self, channel: int) -> FloatArray:
         """[R] K for each kelvin that a channel's node is warmer at the beginning. Raises SimulationFailure."""

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from ..emulation import needs_emulator
 from ..errors import FlightcalError
 from ..problem import Problem, as_sampled
@@ -16,7 +14,7 @@ from ..progress import SILENT, Progress
 from ..report import Finding, read_run
 from ..run import Run, Stage, plain, read_json, read_provenance, typed
 from .centre import find_centre
-from .evaluate import THOROUGH, Effort, runs_of_a_search
+from .evaluate import THOROUGH, Effort, PriorRuns, runs_of_a_search
 from .findings import Checked, findings_of, verdict_of
 from .heat import beside_heat
 from .identifiability import identifiability
@@ -45,13 +43,15 @@ def _make(
     problem: Problem,
     parameters: list[dict[str, Any]],
     suspected: Suspects,
+    prior_runs: PriorRuns,
     *,
     effort: Effort,
     profiles: Sequence[str],
     seed: int,
 ) -> None:
     run.folder.write_json("priors.json", parameters)
-    checked = check(problem, effort, tuple(read_run(run.path).parameters), profiles, suspected, run.progress)
+    infos = tuple(read_run(run.path).parameters)
+    checked = check(problem, effort, infos, profiles, suspected, prior_runs, run.progress)
     with run.progress.stage("writing"):
         _write(run, problem, checked)
 
@@ -63,7 +63,7 @@ def _read(run: Run, *_: Any) -> CheckSummary:
 
 
 CHECK: Final = Stage("check", "", (_JSON, _PAGE), _make, _read)
-"""Of a problem, the records of its parameters and its suspects. Effort, profiles: see `check`."""
+"""Of a problem, the records of its parameters, its suspects and its prior runs. Effort, profiles: see `check`."""
 
 
 def check(
@@ -72,18 +72,19 @@ def check(
     infos: tuple[Any, ...],
     profiles: Sequence[str] = (),
     suspected: Suspects | None = None,
+    made: PriorRuns | None = None,
     progress: Progress = SILENT,
 ) -> Checked:
     """Everything that is checked of a problem; infos: how its parameters are shown (`report.run_files`).
 
-    suspected: what `suspects` found; None: it was not asked.
+    suspected: what `suspects` found; None: it was not asked. made: as many as `effort` says; None: none yet.
     """
     seed = problem.scenario.calibration.seed
     with progress.stage("prior predictive"):
-        draws = problem.priors.sample(np.random.default_rng(seed), effort.draws)
-        prior_runs = draws, problem.simulate_many(draws)
-    if all(run is None for run in prior_runs[1]):
-        raise FlightcalError(f"none of {len(draws)} simulations at prior draws finishes; see 'flightcal simulate'")
+        made = made or PriorRuns(problem, effort.draws)
+        prior_runs = made.thetas, made.runs
+    if all(run is None for run in made.runs):
+        raise FlightcalError(f"none of {made.draws} simulations at prior draws finishes; see 'flightcal simulate'")
     sampled = as_sampled(problem)
     with progress.stage("search of the mode") as searching:
         centre = find_centre(sampled, prior_runs, effort.searches, seed, searching)

@@ -113,7 +113,7 @@ def run_experiment(
 def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, searched: Path | None) -> Summary:
     """All stages of an experiment; text: of the scenario's file; searched: see `run_experiment`."""
     from ..calibration import COMPILE, GENETIC, NUTS, RESULTS
-    from ..check import SUSPECTS
+    from ..check import SUSPECTS, PriorRuns
     from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
     from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
     from ..report import read_run, verdict_of, write_report
@@ -123,15 +123,19 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
 
     scenario = problem.scenario
     method, seed = scenario.calibration, scenario.calibration.seed
-    for line in run.stage(taken_over(SUSPECTS, searched), problem, data).lines:
-        run.progress.say(line)
+    emulation = None
     if needs_emulator(problem):
         emulation = run.stage(emulator_stage(problem), problem, data, settings=method.emulator, seed=seed)
         run.given(run.key(emulation), emulation.searched)
+    # Where the simulator is run and not looked into, draws of the prior say what may be wrong: an emulator gives them.
+    prior_runs = PriorRuns(emulation.searched if emulation is not None else problem)
+    run.given(run.folder.identity, prior_runs)
+    for line in run.stage(taken_over(SUSPECTS, searched), problem, data, prior_runs).lines:
+        run.progress.say(line)
+    if emulation is not None:
         genetic = run.stage(GENETIC, emulation.searched, settings=method.genetic, seed=seed)
         sampled = run.stage(NUTS_THROUGH_EMULATOR, problem, genetic, emulation, settings=method.nuts, seed=seed)
     else:
-        emulation = None
         run.stage(COMPILE, problem)
         genetic = run.stage(taken_over(GENETIC, searched), problem, settings=method.genetic, seed=seed)
         sampled = run.stage(NUTS, problem, genetic, settings=method.nuts, seed=seed)

@@ -60,7 +60,7 @@ def check_scenario(
     The folder may be that of the calibration; the same check is not made twice. Raises FlightcalError for what is the
     user's to mend.
     """
-    from ..check import CHECK, SUSPECTS, check_names, effort_for
+    from ..check import CHECK, SUSPECTS, PriorRuns, check_names, effort_for
     from ..emulation import needs_emulator
     from ..problem import build_problem
     from ..scenario import load_scenario
@@ -75,8 +75,11 @@ def check_scenario(
         if profiles and needs_emulator(problem):
             raise ScenarioError("--profile: found a simulator without derivatives, expected one with them")
     with open_for(scenario, Path(out), progress) as run:
-        run.given(run.folder.identity, problem, data)
+        effort = effort_for(problem, runs)
+        prior_runs = PriorRuns(problem, effort.draws)
+        run.given(run.folder.identity, problem, data, prior_runs)
+        suspected = run.stage(SUSPECTS, problem, data, prior_runs)
         return run.stage(
-            CHECK, problem, parameter_records(problem), run.stage(SUSPECTS, problem, data),
-            effort=effort_for(problem, runs), profiles=profiles, seed=scenario.calibration.seed,
+            CHECK, problem, parameter_records(problem), suspected, prior_runs,
+            effort=effort, profiles=profiles, seed=scenario.calibration.seed,
         )  # fmt: skip

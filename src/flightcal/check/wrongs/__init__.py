@@ -4,9 +4,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 from ...simulator import SimulationFailure
-from ..view import View
+from ..view import Comparison, View
 from . import channels, clocks, drivers, faces, heat, heaters, orbit, slow, timeline, written
-from .wrong import Words, Wrong
+from .channels import COLDEST, HOTTEST
+from .clocks import clocks_as_read
+from .wrong import SHIFT, SHIFTS, Words, Wrong
 
 _FAMILIES = (channels, clocks, faces, heaters, heat, drivers, timeline, orbit, slow, written)
 _WRONGS = tuple(wrong for family in _FAMILIES for wrong in family.WRONGS)
@@ -19,4 +21,20 @@ def all_wrongs(view: View) -> Iterator[Wrong]:
             yield from wrongs(view)
 
 
-__all__ = ["Words", "Wrong", "all_wrongs"]
+def wrongs_of_channels(view: Comparison) -> Iterator[Wrong]:
+    """Those that can be tried beside any simulator."""
+    for wrongs in (*channels.OF_ANY, clocks.channel_clocks):
+        yield from wrongs(view)
+
+
+__all__ = [
+    "COLDEST",
+    "HOTTEST",
+    "SHIFT",
+    "SHIFTS",
+    "Words",
+    "Wrong",
+    "all_wrongs",
+    "clocks_as_read",
+    "wrongs_of_channels",
+]

@@ -11,11 +11,13 @@ import numpy as np
 from ...report import listed, number
 from ...simulator import ICE_POINT, FloatArray
 from ..evidence import Fit, Scale
-from ..view import View
+from ..view import Comparison, View
 from .wrong import Words, Wrong
 
 _BIASES = ((8.0, 0.8), (40.0, 0.2))
 """K, prior deviations of a channel's bias, and how often: of a poor calibration, and of a wrong one."""
+_OTHER_UNIT = 20.0
+"""K, of a bias that may be one unit read as another."""
 _DRIFT = 8.0
 """K, prior deviation of a channel's drift over the window."""
 _CURVE = 6.0
@@ -28,7 +30,7 @@ _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
 """K, deviations of mean and wandering of a channel that is not of this satellite; s, its correlation time."""
 _PART = 0.25
 """Share of the way to another node, from which a channel is between."""
-_COLDEST, _HOTTEST = 100.0, 500.0
+COLDEST, HOTTEST = 100.0, 500.0
 """K, that a satellite may be."""
 _MOST_SWAPPED = 10
 """Channels, of which any three may be each other's."""
@@ -36,7 +38,7 @@ _MOST_NODES = 15
 """Of a network whose channels are tried at every node."""
 
 
-def biases(view: View) -> Iterator[Wrong]:
+def biases(view: Comparison) -> Iterator[Wrong]:
     """Each channel reads too high or too low by a constant."""
     t = len(view.rows.kept)
     for (k, channel), (size, often) in product(enumerate(view.channels), _BIASES):
@@ -45,17 +47,19 @@ def biases(view: View) -> Iterator[Wrong]:
         def words(fit: Fit, channel: str = channel, size: float = size) -> Words:
             bias = size * float(fit.added[0])
             how = "high" if bias > 0 else "low"
+            first = f"Check 'unit' of {channel}, then" if abs(bias) > _OTHER_UNIT else "Check"
             return Words(
                 f"{channel} reads {number(abs(bias), 2)} K too {how}",
                 f"A constant bias of {bias:+.1f} K of {channel} alone explains the telemetry best; the other channels "
                 "agree with the model.",
-                f"Check the sensor's calibration curve; or write 'observations: {{{channel}: {{bias: {bias:.1f} K}}}}'",
+                f"{first} the sensor's calibration curve; or write "
+                f"'observations: {{{channel}: {{bias: {bias:.1f} K}}}}'",
             )
 
         yield Wrong("bias", channel, words, columns=column, least=1.0 / size, tries=len(view.channels) / often)
 
 
-def gains(view: View) -> Iterator[Wrong]:
+def gains(view: Comparison) -> Iterator[Wrong]:
     """Each channel is so many times its temperature in degC."""
     for k, channel in enumerate(view.channels):
         column = view.misread(k, _GAIN * (view.modelled_of(k) - ICE_POINT))
@@ -73,7 +77,7 @@ def gains(view: View) -> Iterator[Wrong]:
         )
 
 
-def curves(view: View) -> Iterator[Wrong]:
+def curves(view: Comparison) -> Iterator[Wrong]:
     """Each channel is right in the middle of what it reads, and as far off at both ends."""
     for k, channel in enumerate(view.channels):
         modelled = view.modelled_of(k)
@@ -94,7 +98,7 @@ def curves(view: View) -> Iterator[Wrong]:
         yield Wrong("curve", channel, words, columns=column, least=_BEND / _CURVE, tries=len(view.channels))
 
 
-def drifts(view: View) -> Iterator[Wrong]:
+def drifts(view: Comparison) -> Iterator[Wrong]:
     """Each channel's readings drift away from the temperature at a constant rate."""
     seconds = view.rows.seconds
     for k, channel in enumerate(view.channels):
@@ -111,7 +115,7 @@ def drifts(view: View) -> Iterator[Wrong]:
         yield Wrong("drift", channel, words, columns=column, least=1.0 / _DRIFT, tries=len(view.channels))
 
 
-def swaps(view: View) -> Iterator[Wrong]:
+def swaps(view: Comparison) -> Iterator[Wrong]:
     """Two or three channels are each other's, or all are their neighbours'."""
     pairs = list(combinations(range(len(view.channels)), 2))
     for a, b in pairs:
@@ -172,7 +176,7 @@ def other_nodes(view: View) -> Iterator[Wrong]:
             yield Wrong("other node", channel, words, window=window, tries=tries)
 
 
-def between(view: View) -> Iterator[Wrong]:
+def between(view: Comparison) -> Iterator[Wrong]:
     """A channel reads something between its node and another channel's: it is mounted there, or a mean."""
     for a, b in permutations(range(len(view.channels)), 2):
         channel, other = view.channels[a], view.channels[b]
@@ -190,7 +194,7 @@ def between(view: View) -> Iterator[Wrong]:
         yield Wrong("between", channel, words, columns=column, least=_PART, tries=tries)
 
 
-def unrelated(view: View) -> Iterator[Wrong]:
+def unrelated(view: Comparison) -> Iterator[Wrong]:
     """A channel that has nothing to do with its node: of another satellite, or of a broken sensor."""
     for k, channel in enumerate(view.channels):
         apart = np.abs(view.rows.seconds[:, None] - view.rows.seconds)
@@ -217,7 +221,7 @@ _UNITS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], float, str]] = {
 }
 
 
-def units(view: View) -> Iterator[Wrong]:
+def units(view: Comparison) -> Iterator[Wrong]:
     """Channels in another unit, one or all."""
     observed, every = view.observed, range(len(view.channels))
     for change, factor, how in _UNITS.values():
@@ -226,7 +230,7 @@ def units(view: View) -> Iterator[Wrong]:
                 continue
             read = observed.copy()
             read[:, chosen] = change(read[:, chosen])
-            if np.nanmin(read) < _COLDEST or np.nanmax(read) > _HOTTEST:
+            if np.nanmin(read) < COLDEST or np.nanmax(read) > HOTTEST:
                 continue
             who = view.channels[chosen[0]] if len(chosen) == 1 else "every temperature"
             words = Words(
@@ -244,5 +248,7 @@ def _span(values: FloatArray) -> str:
     return f"{number(float(low), 3)}..{number(float(high), 3)} degC"
 
 
-WRONGS = (biases, gains, curves, drifts, swaps, units, other_nodes, between, unrelated)
-"""What looks for them."""
+OF_ANY = (biases, gains, curves, drifts, swaps, units, between, unrelated)
+"""What looks for them beside any simulator,"""
+WRONGS = (*OF_ANY, other_nodes)
+"""and beside a network."""

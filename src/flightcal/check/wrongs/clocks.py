@@ -15,7 +15,7 @@ from ...problem import Window
 from ...report import listed, number
 from ...simulator import FloatArray
 from ..sunlight import REACH, ZONES
-from ..view import View
+from ..view import Comparison, View
 from .wrong import (
     SHIFT,
     SHIFTS,
@@ -41,6 +41,8 @@ _NEAR = 0.48
 """Hours from the middle between two whole ones: about a minute from one of them."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
+_LEFT = 0.7
+"""Share of its samples that moved telemetry has left at least."""
 _HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
 """s, by which a packet may be of another zone; of one channel so much explains what is slow."""
 
@@ -144,14 +146,15 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 
 def channel_clocks(
-    view: View,
+    view: Comparison,
     seconds: Sequence[float] | FloatArray = _FEW_SHIFTS,
     groups: Sequence[Sequence[str]] | None = None,
     apart: float = SHIFT,
 ) -> Iterator[Wrong]:
     """Time tags of a channel, or of a group of them, are late or early, by more than lies between two samples."""
     known = view.channels if len(view.channels) > 1 else ()
-    tried = {tuple(own): view.apart(own) for own in groups or [[name] for name in known]}
+    in_order = (sorted(own, key=view.channels.index) for own in groups or [[name] for name in known])
+    tried = {tuple(own): view.apart(own) for own in in_order}
     for late in map(float, seconds):
         moved = view.readings(late)
         for own, least in tried.items():
@@ -170,7 +173,7 @@ def channel_clocks(
             yield Wrong("channel clock", " ".join(own), words, observed, tries=tries, smoothed=smoothed, closer=near)
 
 
-def _channels_like(view: View, own: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
+def _channels_like(view: Comparison, own: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
     """About as late, and as late with one more channel: those of one unit are late together."""
     yield from channel_clocks(view, closer(late, apart), [own], _NARROWER * apart)
     others = [name for name in view.channels if name not in own]
@@ -179,12 +182,38 @@ def _channels_like(view: View, own: Sequence[str], late: float, apart: float) ->
         yield from channel_clocks(view, [late], [[*own, name] for name in others], apart)
 
 
-def _moved(view: View, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:
+def _moved(view: Comparison, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:
     """Telemetry [t, N] with some channels moved in time; None: too few of their samples are left."""
     observed = view.observed.copy()
     observed[:, own] = moved[:, own]
     left = np.isfinite(moved).sum(0)
-    return None if len(own) and left[own].min() < 0.7 * left.max() else observed
+    return None if len(own) and left[own].min() < _LEFT * left.max() else observed
+
+
+def clocks_as_read(
+    view: Comparison, seconds: Sequence[float] | FloatArray = SHIFTS, apart: float = SHIFT
+) -> Iterator[Wrong]:
+    """All time tags are late or early, up to half an orbit, where telemetry is moved and not what acts on a simulator.
+
+    Farther off other telemetry would be compared, which may be better for other reasons.
+    """
+    least, period = view.apart(view.channels), view.window.period
+    for late in map(float, seconds):
+        if not least <= abs(late) <= 0.5 * period + SHIFT:
+            continue
+        observed = _moved(view, view.readings(late), range(len(view.channels)))
+        if observed is None or np.isfinite(observed).sum() < _LEFT * np.isfinite(view.observed).sum():
+            continue
+        words = Words(
+            f"The telemetry's clock is {off(late)}",
+            f"Moved {minutes(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with the simulator; whole "
+            f"orbits more or less may be as good{_an_hour(late, period)}.",
+            "Check the time column, its zone and leap seconds, and when the simulator begins; shift it by "
+            f"{-late:+.0f} s",
+        )
+        near = partial(clocks_as_read, view, closer(late, apart), _NARROWER * apart)
+        smoothed = view.smoothed(late, view.channels)
+        yield Wrong("clock", "time", words, observed, tries=len(SHIFTS), smoothed=smoothed, closer=near)
 
 
 def packet_clocks(

@@ -103,6 +103,17 @@ class Wrong:
     closer: Callable[[], Iterator[Wrong]] | None = None
     """The same with numbers near by."""
 
+    def read(self, as_it_is: FloatArray) -> FloatArray:
+        """Telemetry [t, N] without the wrong; where there was something and nothing is left, what is next to it."""
+        if self.observed is None:
+            return as_it_is
+        found = self.observed.copy()
+        for k in range(found.shape[1]):
+            valid = np.isfinite(found[:, k])
+            if valid.any() and not valid.all():
+                found[:, k] = np.interp(np.arange(len(valid)), np.flatnonzero(valid), found[valid, k])
+        return np.where(np.isfinite(as_it_is), found, np.nan)
+
     def matters(self, fit: Fit) -> bool:
         """Whether its number is worth a word."""
         first = float(fit.added[0]) if self.least else 0.0
