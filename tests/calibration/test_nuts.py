@@ -116,6 +116,7 @@ def test_a_skewed_density_is_drawn_with_its_exact_moments():
     check_moments(draws.z @ A.T, digamma(shape), polygamma(1, shape))
 
 
+@pytest.mark.slow
 def test_a_thin_ridge_that_bends_at_a_bound_is_followed_to_its_end():
     """theta in [0, 1] given only by its prior, and a logarithm that the telemetry ties to it within a thousandth."""
     priors = Priors(("share", "link"), (Uniform(lower=0.0, upper=1.0), LogNormal(median=1.0, factor=np.e)))

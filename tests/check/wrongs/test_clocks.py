@@ -52,6 +52,7 @@ def test_a_clock_that_is_off_by_no_step_of_the_search_is_named_to_some_seconds(t
     assert float(first.advice.split()[-2]) == pytest.approx(-1097.0, abs=10.0)
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_late_is_named_where_positions_hardly_reach_beyond_the_window(tmp_path):
     written = sunlit()
     orbit = CircularOrbit.model_validate(written["environment"]["orbit"])
@@ -66,6 +67,7 @@ def test_a_clock_that_is_late_is_named_where_positions_hardly_reach_beyond_the_w
     assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
 
 
+@pytest.mark.slow
 def test_a_clock_of_another_zone_is_named_with_the_hours(tmp_path):
     scenario, data = small.closed_loop(tmp_path, sunlit())
     late = data.assign_coords(time=data["time"] + np.timedelta64(330, "m"))
@@ -77,6 +79,7 @@ def test_a_clock_of_another_zone_is_named_with_the_hours(tmp_path):
     assert (first.kind, first.title) == ("clock", "The telemetry's clock is 5.5 h late")
 
 
+@pytest.mark.slow
 def test_a_clock_that_goes_too_fast_is_named(tmp_path):
     scenario, data = small.closed_loop(tmp_path, sunlit())
     times = data["time"].values
@@ -94,6 +97,7 @@ def in_packets(scenario, packets):
     return scenario.model_copy(update={"telemetry": scenario.telemetry.model_copy(update={"channels": channels})})
 
 
+@pytest.mark.slow
 def test_a_packet_of_another_time_zone_is_named(tmp_path):
     scenario, data = small.closed_loop(tmp_path, of_three())
     late = {name: np.roll(data[name].values, 60) for name in ("panel_temp", "other_temp")}

@@ -15,7 +15,9 @@ def test_a_face_that_looks_the_other_way_is_named(tmp_path):
     assert named(scenario, data)[0].title == "Face outside looks another way"
 
 
-@pytest.mark.parametrize("name", ["outside", "panel"], ids=["of its own name", "called as its node"])
+@pytest.mark.parametrize(
+    "name", ["outside", pytest.param("panel", marks=pytest.mark.slow)], ids=["of its own name", "called as its node"]
+)
 def test_two_faces_that_are_exchanged_are_named(tmp_path, name):
     written = boxed()
     faces = written["simulator"]["faces"] = {

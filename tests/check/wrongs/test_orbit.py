@@ -57,7 +57,9 @@ def pointed(quaternion):
     return {"named": named, "timeline": [{"at": own, "attitude": name} for own, name in zip(at, named, strict=True)]}
 
 
-@pytest.mark.parametrize("read", [lambda w, x, y, z: (w, -x, -y, -z), lambda w, x, y, z: (x, y, z, w)])
+@pytest.mark.parametrize(
+    "read", [lambda w, x, y, z: (w, -x, -y, -z), pytest.param(lambda w, x, y, z: (x, y, z, w), marks=pytest.mark.slow)]
+)
 def test_quaternions_of_another_convention_are_named(tmp_path, read):
     written, true = boxed(), (0.5, 0.1, 0.7, 0.5)
     written["environment"]["attitude"] = pointed(true)
@@ -69,6 +71,7 @@ def test_quaternions_of_another_convention_are_named(tmp_path, read):
     assert (first.kind, first.about) == ("attitude", "quaternions")
 
 
+@pytest.mark.slow
 def test_a_timeline_of_attitudes_that_is_late_is_named_with_the_minutes(tmp_path):
     written = boxed()
     written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
@@ -103,6 +106,7 @@ def test_one_attitude_that_is_another_is_named_with_its_time(tmp_path):
     assert first.title == "The attitude from 2024-03-01T01:10:00 on is 'other', not 'third'"
 
 
+@pytest.mark.slow
 def test_one_change_of_attitude_that_is_late_is_named_with_the_minutes(tmp_path):
     written = boxed()
     written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
@@ -114,7 +118,7 @@ def test_one_change_of_attitude_that_is_late_is_named_with_the_minutes(tmp_path)
     assert float(first.title.split()[-3]) == pytest.approx(17.0, abs=2.0)
 
 
-@pytest.mark.parametrize("elements", ["of a circle", "two lines"])
+@pytest.mark.parametrize("elements", ["of a circle", pytest.param("two lines", marks=pytest.mark.slow)])
 def test_another_place_in_the_orbit_is_told_where_attitudes_come_at_times_of_their_own(tmp_path, elements):
     written = boxed()
     written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
@@ -213,6 +217,7 @@ def flown_on_an_ellipse(folder, written, **elements):
     return orbit, small.closed_loop(folder, written)[1]
 
 
+@pytest.mark.slow
 def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
     written = sunlit()
     orbit, data = flown_on_an_ellipse(tmp_path, written)
@@ -241,8 +246,8 @@ LINES = (
     ("place", "text", "title"),
     [
         (slice(17, 25), " 40.0000", "The orbit has another raan"),
-        (slice(8, 16), " 51.6000", "The orbit has another inclination"),
-        (slice(52, 63), "14.20000000", "The orbit has another mean motion"),
+        pytest.param(slice(8, 16), " 51.6000", "The orbit has another inclination", marks=pytest.mark.slow),
+        pytest.param(slice(52, 63), "14.20000000", "The orbit has another mean motion", marks=pytest.mark.slow),
     ],
 )
 def test_two_line_elements_of_another_orbit_are_named_by_what_differs(tmp_path, place, text, title):

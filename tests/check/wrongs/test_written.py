@@ -26,6 +26,7 @@ def test_a_conductor_that_is_missing_is_named(tmp_path):
     assert named(scenario, data)[0].title == "A conductor body-panel is missing in the scenario"
 
 
+@pytest.mark.slow
 def test_the_prior_of_a_capacity_in_another_unit_is_named_by_how_many_times(tmp_path):
     written = small.content()
     prior = {"lognormal": {"median": "3000 J/K", "factor": 1.15}}
@@ -39,6 +40,7 @@ def test_the_prior_of_a_capacity_in_another_unit_is_named_by_how_many_times(tmp_
     assert first.title.endswith("is 0.0010 times what it should be")
 
 
+@pytest.mark.slow
 def test_coatings_that_are_exchanged_on_every_face_are_named(tmp_path):
     written = boxed()
     scenario, _ = small.load(tmp_path, written)
