@@ -27,6 +27,10 @@ looked at, share of the first half's in the second that tells that it does not s
 beyond nearly all other changes."""
 _COPIED = 15
 """Changes that come again exactly, where they are no chance."""
+_IN_A_ROW, _MOST_ALIKE = 8, 50
+"""Changes in a row that come again where more may, and places of the same at most that are compared."""
+_MOST_LAGS = 500
+"""At which it is seen how often two readings are the same."""
 _CHANCE, _ALIKE = 1e-9, 0.4
 """Probability of that by chance, and the least that is assumed of each change."""
 _USUAL, _NO_NOISE = 0.9, 1e-3
@@ -236,11 +240,9 @@ def _breaks_off(times: NDArray[np.datetime64], own: FloatArray, first: int, end:
 
 def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
     moves = np.append(False, np.diff(own) != 0.0)
-    shares = []
     best = (0, 0, 0, 0)  # changes, lag, first, last
-    for lag in range(2, len(own) // 2 + 1):
+    for lag in _lags(own, moves):
         same = own[lag:] == own[:-lag]
-        shares.append(float(same.mean()))
         edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             count = int(moves[lag + first : lag + last].sum())
@@ -253,7 +255,9 @@ def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, mod
     same = own[lag:] == own[:-lag]
     outside = np.concatenate([same[: first - lag], same[last - lag :]])
     # Where two curves come close they stay so, and then it is the noise alone that tells readings apart.
-    likely = [_ALIKE, _alike(own), float(np.median(shares))]
+    lags = np.unique(np.linspace(2, len(own) // 2, _MOST_LAGS).round().astype(int))
+    usual = float(np.median([np.mean(own[other:] == own[:-other]) for other in lags.tolist()]))
+    likely = [_ALIKE, _alike(own), usual]
     likely += [float(outside.mean())] if len(outside) >= _COPIED else []
     if max(likely) ** count > _CHANCE:
         return None
@@ -263,6 +267,26 @@ def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, mod
         f"{last - first} samples from {moment(times[first])} UTC on are exactly those of {lag} samples before.",
         _leave_out(channel, times, useless), useless,
     )  # fmt: skip
+
+
+def _lags(own: FloatArray, moves: NDArray[np.bool_]) -> list[int]:
+    """Lags in samples, up to half of all, at which some changes in a row of samples [T] come again; moves: [T].
+
+    A change is told by what is read then and how many samples later the next one comes.
+    """
+    changes = np.flatnonzero(moves)
+    if len(changes) <= _IN_A_ROW:
+        return []
+    told = np.stack([own[changes[:-1]], np.diff(changes).astype(float)], axis=1)
+    kinds = np.unique(told, axis=0, return_inverse=True)[1].ravel()
+    rows = sliding_window_view(kinds, _IN_A_ROW)
+    order = np.lexsort(rows.T)
+    alike = np.all(rows[order[1:]] == rows[order[:-1]], axis=1)
+    found: set[int] = set()
+    for group in np.split(changes[order], np.flatnonzero(~alike) + 1):
+        lags = np.abs(np.subtract.outer(group[:_MOST_ALIKE], group[:_MOST_ALIKE]))
+        found.update(lags[(lags >= 2) & (lags <= len(own) // 2)].tolist())
+    return sorted(found)
 
 
 def _leave_out(channel: str, times: NDArray[np.datetime64], useless: NDArray[np.bool_]) -> str:
