@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 
-from flightcal.calibration import FixedNumbers
+from flightcal.calibration import Calibrated, FixedNumbers
 from flightcal.report.panels.parameters import at_edge, footing
 from flightcal.report.run_files import read_run
 from flightcal.report.verdict import verdict_of
@@ -297,3 +297,19 @@ def test_a_value_that_is_little_wider_if_fixed_numbers_are_off_is_not_told(run):
     rows = (dataclasses.replace(row, considered_lower=row.lower, considered_upper=row.upper) for row in run.calibrated)
     same = dataclasses.replace(run, calibrated=tuple(rows), fixed_numbers=FixedNumbers(0.1, ()))
     assert not [title for title in findings(same) if "fixed numbers" in title]
+
+
+def test_noise_that_lasts_for_longer_than_its_prior_says_is_a_caution_where_there_is_no_heat(run):
+    name = "noise.panel_temperature.correlation_time"
+    own = Calibrated(name, "noise", "s", 600.0, 150.0, 2400.0, 22_600.0, 22_600.0, 2000.0, 19_000.0, 26_000.0, 0.4)
+
+    def correlated(score):
+        rows = [*run.diagnostics["parameters"], {"name": name, "prior_score": score, "usual_score": 0.76}]
+        diagnostics = run.diagnostics | {"parameters": rows}
+        return dataclasses.replace(run, calibrated=(*run.calibrated, own), diagnostics=diagnostics)
+
+    found = about(correlated(5.1), "What is left over of panel_temperature lasts for 6 h 16 min")
+    assert (found.state, found.not_for) == ("warn", ("intervals of parameters",))
+    assert "its prior has 10 min." in found.text
+    for right in (1.0, -5.1):
+        assert not [title for title in findings(correlated(right)) if "lasts for" in title]

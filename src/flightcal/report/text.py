@@ -79,12 +79,13 @@ def labelled(name: str, si_unit: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A wall time: ``42.5 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    """A time: ``42.5 s``, ``3 min``, ``3 min 20 s``, ``2 h 5 min``."""
     if seconds < 99.95:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+    first, second = (f"{hours} h", f"{minutes} min") if hours else (f"{minutes} min", f"{rest} s")
+    return first if second.startswith("0 ") else f"{first} {second}"
 
 
 def listed(items: Sequence[str]) -> str:

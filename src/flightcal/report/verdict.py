@@ -18,6 +18,7 @@ from .findings import (
     holding,
     in_few_words,
     interrupted,
+    lasting_noise,
     likely,
     missing,
     noise,
@@ -167,7 +168,17 @@ def verdict_of(run: RunFiles) -> Verdict:
     return Verdict(
         (
             Answer(CONVERGED, (*interrupted(run), convergence(run.diagnostics), *explanations(run))),
-            Answer(RIGHT, (*likely(run.suspects), noise(run), *heat(run), prior_conflict(run), *stand_in(run))),
+            Answer(
+                RIGHT,
+                (
+                    *likely(run.suspects),
+                    noise(run),
+                    *lasting_noise(run),
+                    *heat(run),
+                    prior_conflict(run),
+                    *stand_in(run),
+                ),
+            ),
             Answer(HOLD, (holding(run), *width(run), *heaters(run))),
         ),
         (*scores(run), *resting(run), *time_tags(run), *missing(run)),

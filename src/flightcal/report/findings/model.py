@@ -16,7 +16,7 @@ from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats, stat
 from ..panels.parameters import MOST_NAMED, WIDER, shortened, widened
 from ..panels.residuals import TESTED, assumption, channels, correlation_expected, noises
 from ..run_files import RunFiles
-from ..text import listed, number, percent
+from ..text import duration, listed, number, percent
 from .finding import CHECK, Finding, State, value_of
 
 NARROWED = 1.3
@@ -29,6 +29,7 @@ UNEXPLAINED = "everything"
 """Kind of the record that says that nothing simple is wrong, and the model far off."""
 _RESTS = 2.0
 """Times as wide as it is, an interval that is wider than that if fixed numbers are off is named."""
+_MEMORY = ".correlation_time"
 FAR_OFF = 1e-6
 """The probability below which a model is called wrong."""
 
@@ -241,6 +242,29 @@ def prior_conflict(run: RunFiles) -> Finding:
         f"{len(out_by)} priors that is to be expected."
     )
     return Finding("good", "Posteriors lie where their priors expect them", text)
+
+
+def lasting_noise(run: RunFiles) -> list[Finding]:
+    """Noise that is correlated for far longer than its prior says: it stands for what a simulator has wrong.
+
+    Beside heat it is seldom: heat takes up what lasts.
+    """
+    places = {own.name: own for own in run.calibrated if own.kind == "noise" and own.name.endswith(_MEMORY)}
+    out_by = {name: own for name, own in run.prior_scores.items() if name in places}
+    conflict = _conflict(out_by) if run.heat is None else None
+    named = [name for name in conflict[1] if out_by[name].prior_score > 0.0] if conflict else []
+    if not named:
+        return []
+    lasts = {name.removesuffix(_MEMORY).removeprefix("noise."): duration(places[name].mean) for name in named}
+    worst, *others = lasts
+    of_all = listed([f"{channel} ({long})" for channel, long in lasts.items()])
+    text = (
+        f"The noise is correlated for {of_all}; its prior has {duration(places[named[0]].before)}. An error of the "
+        "simulator that lasts does that, and is taken for chance: values may all be off together."
+    )
+    title = f"What is left over of {worst} lasts for {lasts[worst]}"
+    title += f", and that of {len(others)} more lasts too" if others else ""
+    return [Finding("warn", title, text, not_for=("intervals of parameters",), then=CHECK)]
 
 
 def _conflict(out_by: dict[str, PriorScore]) -> tuple[State, list[str]] | None:
