@@ -246,11 +246,37 @@ def test_a_window_to_predict_can_be_added_to_a_finished_run(finished, tmp_path):
     assert "later" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
 
 
+def test_telemetry_that_has_grown_is_predicted_by_a_finished_run(finished, tmp_path):
+    """Two hours more; then a sample that was trained on is another."""
+    scenario, run, first = finished
+    shutil.copytree(run, tmp_path / "run")
+    shutil.copy(scenario, tmp_path)
+    table = pd.read_csv(scenario.parent / "telemetry.csv")
+    more = table.iloc[:120].copy()
+    step = pd.Timestamp(table["time"][1]) - pd.Timestamp(table["time"][0])
+    last = pd.Timestamp(table["time"].iloc[-1])
+    more["time"] = [str(np.datetime64(last + (k + 1) * step, "s")) for k in range(len(more))]
+    grown = pd.concat([table, more], ignore_index=True)
+    grown.to_csv(tmp_path / "telemetry.csv", index=False)
+    later = {"start": str(more["time"].iloc[5]), "end": str(more["time"].iloc[-1])}
+    told = Told()
+    second = run_experiment(with_windows(tmp_path / "scenario.yaml", later=later), tmp_path / "run", progress=told)
+    found = {name: told.done_before(title) for name, title in TITLES.items()}
+    assert found == {"suspects": False, "compile": True, "genetic": True, "nuts": True, "predict": False}
+    assert {metric.window for metric in second.metrics} == {"train", "test", "later"}
+    assert second.parameters == first.parameters
+
+    grown.loc[10, "body"] += 1.0
+    grown.to_csv(tmp_path / "telemetry.csv", index=False)
+    with pytest.raises(RunError, match=r"what differs: the telemetry of the windows to train on\)"):
+        run_experiment(tmp_path / "scenario.yaml", tmp_path / "run")
+
+
 def test_another_window_to_train_on_is_refused_with_its_reason(finished, tmp_path):
     scenario, run, _ = finished
     for file in ("scenario.yaml", "telemetry.csv"):
         shutil.copy(scenario.parent / file, tmp_path)
-    with pytest.raises(RunError, match=r"what differs: the windows to train on\); choose another --out"):
+    with pytest.raises(RunError, match="what differs: the windows to train on, "):
         run_experiment(with_windows(tmp_path / "scenario.yaml", train=SHORTER), run)
 
 

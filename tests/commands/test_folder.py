@@ -74,7 +74,7 @@ def test_a_folder_is_that_of_one_command(tmp_path):
         pass
     with (
         pytest.raises(RunError, match="what differs: the command"),
-        open_for(scenario, tmp_path / "run", Silent(), **{"the command": "backtest"}),
+        open_for(scenario, tmp_path / "run", Silent(), more={"the command": "backtest"}),
     ):
         pass
 
@@ -89,3 +89,26 @@ def test_where_the_files_of_packets_lie_is_nothing_to_a_run(tmp_path):
         (tmp_path / name).mkdir()
         with open_for(small.load(tmp_path / name, written)[0], tmp_path / "run", Silent()):
             pass
+
+
+def test_changes_of_mode_after_the_windows_to_train_on_are_nothing_to_a_run(tmp_path):
+    """Nor are times of which later samples are left out; earlier changes are."""
+
+    def opened(*timeline, leave_out=()):
+        written = small.content()
+        written["simulator"] |= {
+            "modes": {"quiet": {"body": "1 W"}, "busy": {"body": "3 W"}},
+            "timeline": [{"at": at, "mode": mode} for at, mode in timeline],
+        }
+        written["telemetry"]["channels"]["body_temp"]["leave_out"] = list(leave_out)
+        scenario, data = small.load(tmp_path, written)
+        with open_for(scenario, tmp_path / "run", Silent(), data):
+            pass
+
+    before, later = ("2024-03-01T00:00:00", "quiet"), ("2024-03-01T05:00:00", "busy")
+    opened(before)
+    opened(before, later, leave_out=[{"start": "2024-03-01T06:00:00", "end": "2024-03-01T06:01:00"}])
+    with pytest.raises(RunError, match="what differs: the scenario"):
+        opened(before, ("2024-03-01T01:00:00", "busy"))
+    with pytest.raises(RunError, match="what differs: the telemetry of the windows to train on"):
+        opened(before, leave_out=[{"start": "2024-03-01T01:00:00", "end": "2024-03-01T01:10:00"}])

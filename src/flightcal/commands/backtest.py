@@ -100,7 +100,7 @@ def backtest_scenario(
         data = read(scenario)
     check_simulator(scenario, lambda: data)
     plan = plan_origins(scenario, data, origins, **lengths)
-    with open_for(scenario, Path(out), progress, **{"the command": "backtest"}) as run:
+    with open_for(scenario, Path(out), progress, more={"the command": "backtest"}) as run:
         run.given(run.folder.identity, data)
         predictions = _predictions(run, scenario, data, plan)
         content: dict[str, Any] = plain(backtest_record(scenario, plan, predictions))

@@ -105,7 +105,7 @@ def run_experiment(
         data = read(scenario)
     with progress.stage("building the problem (the first time it compiles the simulator)"):
         problem = build_problem(scenario, data)
-    with open_for(scenario, Path(out), progress) as run:
+    with open_for(scenario, Path(out), progress, data) as run:
         keep_what_was_read(run, data, problem)
         return _run_stages(run, problem, data, text, searched)
 
@@ -125,7 +125,10 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
     method, seed = scenario.calibration, scenario.calibration.seed
     emulation = None
     if needs_emulator(problem):
-        emulation = run.stage(emulator_stage(problem), problem, data, settings=method.emulator, seed=seed)
+        # An emulator learns from the windows to train on: telemetry that grows elsewhere makes no other.
+        learnt_from = data.copy()
+        run.given(run.folder.identity, learnt_from)
+        emulation = run.stage(emulator_stage(problem), problem, learnt_from, settings=method.emulator, seed=seed)
         run.given(run.key(emulation), emulation.searched)
     # Where the simulator is run and not looked into, draws of the prior say what may be wrong: an emulator gives them.
     prior_runs = PriorRuns(emulation.searched if emulation is not None else problem)

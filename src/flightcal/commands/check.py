@@ -65,7 +65,7 @@ def check_scenario(
     from ..problem import build_problem
     from ..scenario import load_scenario
     from ..telemetry import read
-    from .folder import open_for, parameter_records
+    from .folder import key_of_telemetry, open_for, parameter_records
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     with progress.stage("reading telemetry"):
@@ -74,10 +74,11 @@ def check_scenario(
         check_names(problem, list(profiles))
         if profiles and needs_emulator(problem):
             raise ScenarioError("--profile: found a simulator without derivatives, expected one with them")
-    with open_for(scenario, Path(out), progress) as run:
+    with open_for(scenario, Path(out), progress, data) as run:
         effort = effort_for(problem, runs)
         prior_runs = PriorRuns(problem, effort.draws)
-        run.given(run.folder.identity, problem, data, prior_runs)
+        run.given(key_of_telemetry(run, scenario), data)
+        run.given(run.folder.identity, problem, prior_runs)
         suspected = run.stage(SUSPECTS, problem, data, prior_runs)
         return run.stage(
             CHECK, problem, parameter_records(problem), suspected, prior_runs,

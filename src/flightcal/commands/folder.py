@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,41 +19,97 @@ from ..problem import SLOW, Problem
 from ..progress import Progress
 from ..run import Run, Stage, hash_of, hash_of_file, open_run, plain
 from ..scenario import Scenario, default_noise, heat_of, input_files, is_trained, resolved_yaml, time_error_of
-from ..telemetry import bridged, quality_table
+from ..telemetry import bridged, quality_table, window_bounds
 
 K = TypeVar("K")
 
+_SLEW = np.timedelta64(1, "h")
+"""By which a change of attitude may act before its time, at most."""
+
 
 @contextmanager
-def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> Iterator[Run]:
+def open_for(
+    scenario: Scenario,
+    out: Path,
+    progress: Progress,
+    trained: xarray.Dataset | None = None,
+    more: Mapping[str, str] = MappingProxyType({}),
+) -> Iterator[Run]:
     """The run of a scenario in the folder `out`, which is held during the block.
 
     The folder is bound to what is calibrated on: the scenario without its method settings, its place and the windows
     that are only predicted, and the input files. more: hashes of what else it is bound to, by name.
+
+    trained: the telemetry, where the windows to train on are all that is learnt from it. It may then grow in other
+    windows, and so may timelines after the last of these. None: every byte of the files counts.
     Raises RunError where the folder holds something else, or another process holds the folder.
     """
     inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
+    content = _bound(scenario)
+    windows = {name: window for name, window in content.pop("windows").items() if is_trained(name)}
+    parts = {"the windows to train on": hash_of(windows), **more}
+    if trained is None:
+        parts["the telemetry and other input files"] = hash_of(sorted(inputs.values()))
+    else:
+        _cut_after(content, _last_of(scenario, trained))
+        read = {str(scenario.folder / name) for name in scenario.telemetry.files}
+        parts["the telemetry of the windows to train on"] = _hash_of_windows(scenario, trained)
+        parts["the other input files"] = hash_of(sorted(own for name, own in inputs.items() if name not in read))
+    parts["the scenario"] = hash_of(content)
+    text = resolved_yaml(scenario, absolute=True)
+    with open_run(out, parts, text, inputs, scenario.calibration.seed, progress) as folder:
+        yield Run(folder, progress)
+
+
+def _bound(scenario: Scenario) -> dict[str, Any]:
+    """What of a scenario a run is bound to, as JSON."""
     # What is left out of these hangs together, and on the version of flightcal.
     meant = {
         "heat": heat_of(scenario) or "none",
         "noise": default_noise(scenario),
         "time_error": time_error_of(scenario) or "none",
     }
-    content = scenario.model_copy(update=meant).model_dump(
+    content: dict[str, Any] = scenario.model_copy(update=meant).model_dump(
         mode="json", exclude={"calibration", "description", "folder"}
     )
     for packet in (content["telemetry"], *content["telemetry"]["packets"].values()):
         del packet["file"]
-    trained = {name: window for name, window in content.pop("windows").items() if is_trained(name)}
-    parts = {
-        "the scenario": hash_of(content),
-        "the windows to train on": hash_of(trained),
-        "the telemetry and other input files": hash_of(sorted(inputs.values())),
-        **more,
-    }
-    text = resolved_yaml(scenario, absolute=True)
-    with open_run(out, parts, text, inputs, scenario.calibration.seed, progress) as folder:
-        yield Run(folder, progress)
+    return content
+
+
+def _cut_after(content: dict[str, Any], end: np.datetime64) -> None:
+    """Leave out what a scenario says of later times: changes of mode and attitude, and samples that are not used."""
+    for block in (content["simulator"], content["environment"].get("attitude")):
+        if isinstance(block, dict) and isinstance(block.get("timeline"), list):
+            block["timeline"] = [own for own in block["timeline"] if np.datetime64(own["at"], "ns") <= end]
+            block.pop("timeline_file", None)
+    for channel in content["telemetry"]["channels"].values():
+        channel.pop("leave_out", None)
+
+
+def _bounds(scenario: Scenario, telemetry: xarray.Dataset) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Of the windows to train on."""
+    period = telemetry.attrs.get("period_s")
+    return [window_bounds(scenario.windows[name], period) for name in scenario.train_windows]
+
+
+def _last_of(scenario: Scenario, telemetry: xarray.Dataset) -> np.datetime64:
+    """When the last window to train on ends; a slew may begin before the change that it is of."""
+    return max(end for _, end in _bounds(scenario, telemetry)) + _SLEW
+
+
+def _hash_of_windows(scenario: Scenario, telemetry: xarray.Dataset) -> str:
+    """Of all samples in the windows to train on, drivers' too."""
+    times = telemetry["time"].to_numpy()
+    inside = np.zeros(len(times), bool)
+    for start, end in _bounds(scenario, telemetry):
+        inside |= (times >= start) & (times < end)
+    content = hashlib.sha256(times[inside].astype("datetime64[ns]").tobytes())
+    for name in sorted(map(str, telemetry["channel"].to_numpy())):
+        values = telemetry[name].to_numpy()[inside].astype(float)
+        content.update(name.encode())
+        content.update(np.where(np.isfinite(values), values, np.nan).tobytes())
+    return content.hexdigest()
 
 
 def keep_what_was_read(run: Run, data: xarray.Dataset, problem: Problem) -> None:
@@ -59,11 +117,20 @@ def keep_what_was_read(run: Run, data: xarray.Dataset, problem: Problem) -> None
     gaps = tuple(bridged(problem.scenario, data))
     for record in gaps:
         run.progress.say(record.detail)
-    with run.folder.stage("read", run.folder.identity):
+    key = key_of_telemetry(run, problem.scenario)
+    with run.folder.stage("read", key):
         run.folder.write_json("telemetry_quality.json", plain((*quality_table(data), *gaps)))
         run.folder.write_json("priors.json", parameter_records(problem))
         run.folder.write_json("integration.json", integration_records(problem))
-    run.given(run.folder.identity, data, problem)
+    run.given(key, data)
+    run.given(run.folder.identity, problem)
+
+
+def key_of_telemetry(run: Run, scenario: Scenario) -> str:
+    """Hash of what follows from all telemetry, and from what the scenario says of all times."""
+    content = {name: own for name, own in _bound(scenario).items() if name != "windows"}
+    files = sorted(hash_of_file(Path(name)) for name in input_files(scenario))
+    return hash_of(run.folder.identity, content, files)
 
 
 def integration_records(problem: Problem) -> list[dict[str, Any]]:

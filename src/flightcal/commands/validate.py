@@ -64,7 +64,7 @@ def validate_scenario(
     problem, _ = prepared(*source)
     scenario = problem.scenario
     how = hash_of("validate", short(scenario.calibration.nuts).model_dump(), scenario.calibration.seed)
-    with open_for(scenario, Path(out), progress, **{"the sampler and the seed": how}) as run:
+    with open_for(scenario, Path(out), progress, more={"the sampler and the seed": how}) as run:
         run_repeats(run.folder, source, repeats, workers=workers, progress=progress)
         validation = judge_repeats(run.folder, problem, repeats)
         write_validation(run.path)
