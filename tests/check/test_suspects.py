@@ -105,6 +105,13 @@ def test_the_likeliest_are_looked_at_closely_and_not_only_those_that_gain_most()
     assert finalists([6.1, 5.6, 5.6, 4.4, 1.0], [*units, size, hopeless]) == [size, *units[:2]]
 
 
+def test_what_gains_the_same_about_the_same_is_looked_at_once():
+    """A timeline that is late by seven hours or by eight has no change in the window."""
+    hours = [Wrong("mode", "timeline", Words(f"{k} h", "", "")) for k in (7, 8, 9)]
+    one = Wrong("mode", "timeline", Words("1 h", "", ""))
+    assert finalists([6.0, 6.0, 6.0, 5.0], [*hours, one]) == [hours[0], one]
+
+
 def test_units_of_a_number_do_not_keep_its_size_from_being_looked_at():
     units = [Wrong("number", name, Words("", "", "")) for name in ("area", "area", "emissivity", "emissivity")]
     sizes = [

@@ -54,6 +54,8 @@ _LARGEST = 2
 """So many more are looked at closely that explain most whatever their odds: a first look sees a part of the nats."""
 _ROUNDS, _SUBJECTS = 6, 2
 """Closer looks at one wrong, each at what it may be about that is likeliest."""
+_EQUAL = 1e-9
+"""Nats by which what is gained by two wrongs differs at most that are the same to the simulator."""
 _BLURRED = 0.7
 """K, error of a model that is linear about one point, when all wrongs are looked at first."""
 _BAD, _WORSE = 2.0, 4.0
@@ -352,7 +354,7 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[s
     explains why a status does not do what thresholds say, the likeliest about one of `odd`.
     """
     found: list[Wrong] = []
-    likely = sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0])
+    likely = _unlike(sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]))
     enough = _OTHER_KINDS * (likely[0][0] - likely[0][1].odds) if likely else 0.0
     for gain, wrong in likely:
         alike = [own for own in found if own.kind == wrong.kind]
@@ -361,7 +363,8 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[s
         wanted = len(like_it) < _OF_A_KIND if len(found) < _FINALISTS else not alike and gain - wrong.odds > enough
         if gain > _PROMISING and wanted and not looked_at:
             found.append(wrong)
-    largest = [wrongs[k] for k in np.argsort(-np.asarray(gains), kind="stable")[:_LARGEST] if gains[k] > _PROMISING]
+    by_gain = sorted(likely, key=lambda item: -item[0])
+    largest = [wrong for gain, wrong in by_gain[:_LARGEST] if gain > _PROMISING]
     explaining: dict[str, Wrong] = {}
     for _, wrong in likely:
         if wrong.kind in _OF_THERMOSTATS and wrong.about in odd:
@@ -370,6 +373,23 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[s
         if not any(wrong is other for other in found):
             found.append(wrong)
     return found
+
+
+def _unlike(likely: Sequence[tuple[float, Wrong]]) -> list[tuple[float, Wrong]]:
+    """Wrongs, the likeliest first, each with its gain, but those that are the same as one before.
+
+    What moves all changes of modes out of the window makes one telemetry, by however many hours.
+    """
+    found: list[tuple[float, Wrong]] = []
+    for gain, wrong in likely:
+        if not (found and _same(found[-1], (gain, wrong))):
+            found.append((gain, wrong))
+    return found
+
+
+def _same(one: tuple[float, Wrong], other: tuple[float, Wrong]) -> bool:
+    (a, first), (b, second) = one, other
+    return abs(a - b) < _EQUAL and (first.kind, first.about) == (second.kind, second.about)
 
 
 def _sized(wrong: Wrong) -> bool:
