@@ -46,10 +46,28 @@ def test_a_thermostat_that_switches_elsewhere_is_told_by_its_switches(tmp_path):
 
 def test_a_heater_is_known_to_be_off_where_its_sensor_is_always_warm(tmp_path):
     scenario, data = small.closed_loop(tmp_path)
-    assert inferred(scenario, data, "heater") is None
+    assert set(inferred(scenario, data, "heater")) == {0.5}
     warm = data.assign(body_temp=("time", data["body_temp"].values + 20.0))
     assert not inferred(scenario, warm, "heater").any()
-    assert inferred(scenario, data.assign(body_temp=("time", np.full(data.sizes["time"], np.nan))), "heater") is None
+    nothing = data.assign(body_temp=("time", np.full(data.sizes["time"], np.nan)))
+    assert set(inferred(scenario, nothing, "heater")) == {0.5}
+
+
+def test_a_heater_is_known_to_be_on_while_its_sensor_is_far_below_and_off_while_it_is_far_above(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    heater = scenario.network.switches["heater"]
+    read = np.repeat(
+        [heater.on_below - 5.0, heater.on_below - 1.0, heater.off_above + 5.0, heater.off_above - 5.0], 100
+    )
+    read = np.append(read, np.full(data.sizes["time"] - len(read), heater.on_below))
+    read[20:30:2] = np.nan
+    read[50:80] = np.nan
+    on = inferred(scenario, data.assign(body_temp=("time", read)), "heater")
+    # Over a gap of half an hour it may have switched.
+    assert set(on[:50]) == set(on[80:100]) == {1.0}
+    assert set(on[50:80]) == {0.5}
+    assert set(on[200:300]) == {0.0}
+    assert set(on[100:200]) == set(on[300:]) == {0.5}
 
 
 def test_gain_and_bias_are_no_warmth(tmp_path):
@@ -57,7 +75,7 @@ def test_gain_and_bias_are_no_warmth(tmp_path):
     written["observations"]["body_temp"] |= {"gain": 3.0, "bias": "5 K"}
     scenario, data = small.closed_loop(tmp_path, written)
     assert data["body_temp"].min() > scenario.network.switches["heater"].on_below + 10.0
-    assert inferred(scenario, data, "heater") is None
+    assert set(inferred(scenario, data, "heater")) == {0.5}
 
 
 def with_a_second_heater(**thresholds):

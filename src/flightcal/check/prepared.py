@@ -22,7 +22,7 @@ from ..scenario import (
     Uniform,
 )
 from .thermostat import inferred
-from .view import HEAT, INFERRED, NO_LINK, SHARES, UNKNOWN, View, view_of
+from .view import HEAT, INFERRED, NO_LINK, SHARES, View, view_of
 
 _MOST_LINKED = 14
 """Nodes, of which any two may be linked."""
@@ -38,7 +38,7 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     """The first training window of a thermal network, driven by its heaters' status; None of anything else.
 
     Of a heater that acts without a measured status nobody knows when it was on, and a model that switches a little
-    later is no wrong: its heat is then unknown. Raises FlightcalError.
+    later is no wrong: its heat is then unknown, unless its sensor is far from its thresholds. Raises FlightcalError.
     """
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
@@ -48,10 +48,8 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
         observing = [channel for channel, item in scenario.observations.items() if item.heater == name]
         channel = heater.measured_by or (observing[0] if observing else None)
         if channel is None:
-            values, channel = inferred(scenario, telemetry, name), f"{INFERRED}{name}"
-            if values is None:
-                values, channel = np.full(telemetry.sizes["time"], 0.5), f"{UNKNOWN}{name}"
-            telemetry = telemetry.assign({channel: ("time", values)})
+            channel = f"{INFERRED}{name}"
+            telemetry = telemetry.assign({channel: ("time", inferred(scenario, telemetry, name))})
             channels[channel] = Channel(column=channel, kind="status")
         heaters[name] = heater.model_copy(update={"measured_by": channel})
     update: dict[str, Any] = {"heaters": {**model.heaters, **heaters}}

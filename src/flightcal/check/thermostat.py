@@ -30,22 +30,28 @@ _APART, _MENDED = 1.0, 0.3
 those of another heater, where they are exchanged."""
 
 
-def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatArray | None:
-    """Status [T] of a heater whose sensor is always too warm for it; None of any other.
+def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatArray:
+    """How probable it is that a heater is on [T], by its sensor: 1 where this is too cold for anything else.
 
-    When a thermostat switches is not told well enough by its sensor alone: it turns between two samples, and before
-    these read a threshold.
+    0 where it is too warm; a half near the thresholds, and where nothing is read. When a thermostat switches is not
+    told well enough by its sensor alone: it turns between two samples, and before these read a threshold.
     """
-    heater = scenario.network.switches[name]
+    heater, unknown = scenario.network.switches[name], np.full(telemetry.sizes["time"], 0.5)
     channel = next((own for own, item in scenario.observations.items() if item.node == heater.sensor), None)
     if channel is None or channel not in telemetry:
-        return None
+        return unknown
     observation, read = scenario.observations[channel], telemetry[channel].to_numpy()
     read = ICE_POINT + (read - observation.bias - ICE_POINT) / observation.gain
-    if not np.isfinite(read).any():
-        return None
-    warm = np.nanmin(read) > heater.on_below + _BEYOND + _NOISES * noise_of(read)
-    return np.zeros(len(read)) if warm else None
+    known, margin = np.isfinite(read), _BEYOND + _NOISES * noise_of(read)
+    if not known.any():
+        return unknown
+    # One that is never switched on, or never off, is so also where nothing is read.
+    if np.nanmin(read) > heater.on_below + margin:
+        return np.zeros(len(read))
+    if np.nanmax(read) < heater.on_below - margin:
+        return np.ones(len(read))
+    beyond = np.select([read < heater.on_below - margin, read > heater.off_above + margin], [1.0, 0.0], 0.5)
+    return np.nan_to_num(_between(telemetry["time"].to_numpy(), np.where(known, beyond, np.nan)), nan=0.5)
 
 
 def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:

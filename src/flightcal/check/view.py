@@ -22,12 +22,10 @@ from .sunlight import Sunlight
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
 """What a simulator may lack and be right: heat of some percent of what flows through each node."""
 INFERRED = "status by temperature of "
-"""Begins the names of channels that are no telemetry,"""
-UNKNOWN = f"{INFERRED}nothing, of "
-"""and of those that say nothing: the heater's heat is then half of its power, and unknown heat."""
-_ANY = 0.7
-"""Of its power, deviation of the heat of a heater of which nobody knows when it is on: on and off are both half of it
-from the mean, and steps of a simulation are not those of a heater."""
+"""Begins the names of channels that are no telemetry: how probable it is that a heater is on, by its own sensor."""
+_ANY, _MEAN = 0.5, 0.3
+"""Of its power, deviations of the heat of a heater of which nobody knows when it is on: at a time, when on and off are
+both half of it from what is expected, and of its mean, that lies anywhere from none to all of it."""
 _IN_GAPS = 0.5
 """Of its power, deviation of a heater's heat where its status has a gap."""
 NO_LINK = 1e-9
@@ -379,25 +377,46 @@ class View(Comparison):
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
             parts[group.part in ("switches", "changes")].append(group.size * response)
-        parts[True] += [self._unknown_heat(window, z, name) for name in self.unknown]
+        heaters = window.scenario.network.heaters
+        parts[True] += [self.unknown_heat(window, z, name, heaters[name].node) for name in self.unknown]
         parts[True] += [self._heat_in_gaps(window, z, k, own) for own, k in self.switch_of.items()]
         heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))
         return Point(z, simulated, temperatures, flat, heat, jitter)
 
     @cached_property
     def unknown(self) -> tuple[str, ...]:
-        """Heaters of which nobody knows when they are on."""
+        """Heaters of which nobody knows when they are on, or not always."""
+        return tuple(name for name in self.inferred if self._doubt(self.window, name).any())
+
+    @cached_property
+    def inferred(self) -> tuple[str, ...]:
+        """Heaters without a measured status."""
         model = self.window.scenario.network
-        silent = [name for name, own in model.switches.items() if (own.measured_by or "").startswith(UNKNOWN)]
+        silent = [name for name, own in model.switches.items() if (own.measured_by or "").startswith(INFERRED)]
         return tuple(other for name in silent for other in model.on_switch(name))
 
-    def _unknown_heat(self, window: Window, z: FloatArray, heater: str) -> FloatArray:
-        """[R, k] K of heat that nobody knows: its mean, and that from row to row. Raises SimulationFailure."""
-        own = self.window.scenario.network.heaters[heater]
-        if own.node not in self.heat.nodes:
+    def _doubt(self, window: Window, heater: str) -> FloatArray:
+        """[K] how unknown it is whether a heater is on, from 0 to 1."""
+        assert window.network is not None
+        on = np.nan_to_num(window.network.drive.measured[:, self.switch_of[heater]])
+        return np.asarray(2.0 * np.sqrt(on * (1.0 - on)))
+
+    def unknown_heat(self, window: Window, z: FloatArray, heater: str, node: str) -> FloatArray:
+        """[R, k] K in a node of the heat of a heater of `unknown`. Raises SimulationFailure."""
+        return self.any_heat(window, z, heater, node, self._doubt(window, heater))
+
+    def any_heat(self, window: Window, z: FloatArray, heater: str, node: str, share: FloatArray) -> FloatArray:
+        """[R, k] K in a node of a heater that may be on at any time: in the mean, and from row to row.
+
+        share: [K] of its heat that may. Raises SimulationFailure.
+        """
+        each = pieces(window, self.rows.seconds) * np.repeat(share, 2)
+        each = each[each.any(axis=1)]
+        if node not in self.heat.nodes or not len(each):
             return np.empty((self.begun.shape[0], 0))
-        effects = self.response(window, z, own.node, pieces(window, self.rows.seconds))
-        return _ANY * own.power * np.column_stack([effects.sum(axis=1), effects])
+        effects = self.response(window, z, node, each)
+        power = self.window.scenario.network.heaters[heater].power
+        return power * np.column_stack([_MEAN * effects.sum(axis=1), _ANY * effects])
 
     @cached_property
     def switch_of(self) -> dict[str, int]:

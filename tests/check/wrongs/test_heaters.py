@@ -8,7 +8,7 @@ from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heaters import heaters, obedient
 from tests import small
 
-from ..cases import named, spoilt
+from ..cases import named, silent, spoilt
 
 
 def test_an_inverted_status_is_named(flown):
@@ -58,6 +58,44 @@ def test_a_thermostat_switches_where_readings_turn_and_holds_between():
     assert on.tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0]
     assert obedient(np.full(8, 283.0), 280.0, 285.0) is None
     assert obedient(read[2:5], 280.0, 285.0) is None
+
+
+@pytest.mark.parametrize("thresholds", [("50 degC", "55.4 degC"), ("-10 degC", "-7 degC")], ids=["on", "off"])
+def test_thresholds_of_a_heater_without_a_status_are_named_where_it_would_never_switch(tmp_path, thresholds):
+    _, data = small.closed_loop(tmp_path)
+    written = silent(small.content())
+    below, above = thresholds
+    written["simulator"]["heaters"]["heater"] |= {"on_below": below, "off_above": above}
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("thresholds", "heater")
+    assert ("below 'on_below'" if below == "50 degC" else "above 'on_below'") in first.sentence
+
+
+def test_a_heater_without_a_status_that_heats_another_node_is_named(tmp_path):
+    _, data = small.closed_loop(tmp_path)
+    written = silent(small.content())
+    written["simulator"]["heaters"]["heater"]["node"] = "panel"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("heater", "heater")
+    assert first.title == "heater heats body, not panel"
+
+
+@pytest.mark.parametrize("thresholds", [("60 degC", "65 degC"), ("-90 degC", "-80 degC")], ids=["on", "off"])
+def test_a_heater_without_a_status_that_never_switches_is_not_suspected(tmp_path, thresholds):
+    written = small.content()
+    below, above = thresholds
+    second = {"node": "panel", "power": "5 W", "sensor": "panel", "on_below": below, "off_above": above}
+    written["simulator"]["heaters"]["second"] = second | {"measured_by": "second_status"}
+    written["telemetry"]["channels"]["second_status"] = {"column": "heater", "kind": "status"}
+    _, data = small.closed_loop(tmp_path, written)
+    del written["telemetry"]["channels"]["second_status"]
+    written["simulator"]["heaters"]["second"] = second
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data) == ()
+    first = named(scenario, spoilt(data, panel_temp=data["panel_temp"].to_numpy() + 12.0))[0]
+    assert (first.kind, first.about) == ("bias", "panel_temp")
 
 
 def test_a_heater_that_has_lost_a_string_is_named_with_the_time(tmp_path):

@@ -125,11 +125,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
             on = status_or_unknown(view.telemetry, name, view.utc(grid))
             if np.isfinite(on).any() and np.nanmin(on) < np.nanmax(on):
                 waves += [(name, node, np.nan_to_num(on)) for node in view.heat.nodes]
-    for k, channel_name in enumerate(view.channels):
-        node = scenario.observations[channel_name].node
-        rising = turning(view.window.observed[:, k], 4.0 * float(view.rows.noise[k]) + 0.3)
-        if node in view.heat.nodes and rising is not None and heated.get(str(node)) not in view.unknown:
-            waves.append(("", str(node), shares(view.network.observation.times, rising, grid)))
+    waves += [("", node, on) for node, on in by_temperature(view) if heated.get(node) not in view.inferred]
     for name, node, on in waves:
         flow, heater = flow_through(view, node), None if name else heated.get(node)
         size = max(_HEATED * flow, 1.0, *powers)
@@ -159,6 +155,15 @@ def missing_heat(view: View) -> Iterator[Wrong]:
         tries = 2 * len(waves) * (1.0 if name else _UNSEEN)
         lacking = Wrong("missing heat", node, words, columns=effect, least=LACKED * flow / size, tries=tries)
         yield replace(lacking, kind="thermostat", about=heater) if heater else lacking
+
+
+def by_temperature(view: View) -> Iterator[tuple[str, FloatArray]]:
+    """Nodes whose temperature rises and falls, and share of each step [K] in which something heats them by that."""
+    for k, channel in enumerate(view.channels):
+        node = view.window.scenario.observations[channel].node
+        rising = turning(view.window.observed[:, k], 4.0 * float(view.rows.noise[k]) + 0.3)
+        if node in view.heat.nodes and rising is not None:
+            yield str(node), shares(view.network.observation.times, rising, view.network.drive.times)
 
 
 def about_switches(view: View, on: FloatArray) -> FloatArray:
@@ -191,9 +196,9 @@ def now_and_then(view: View, z: FloatArray, weights: Callable[[FloatArray], Floa
     """
     edges = np.linspace(0.0, view.network.drive.times[-1], PIECES + 1)
     each = pieces(view.window, edges)
-    unknown = [view.window.scenario.network.heaters[name].node for name in view.unknown]
+    of_heaters = [view.window.scenario.network.heaters[name].node for name in view.inferred]
     for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
-        if node not in unknown:
+        if node not in of_heaters:
             effects = view.response(view.window, z, node, each)
             yield from _burst(view, node, flow, effects, edges, weights)
             for share in _AT_ANY_TIME:

@@ -6,20 +6,21 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
 from ...report import number
-from ...simulator import FloatArray
+from ...simulator import FloatArray, build_network
 from ...telemetry import status_fraction
 from ..evidence import Fit
 from ..view import View, known_thermostats
-from .heat import about_switches
+from .heat import about_switches, by_temperature
 from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, driven_otherwise, status_channels
 
 _NOTHING = 0.05
 """Share of its power, below which a heater does not heat."""
+_MOST = 0.6
+"""Share of a heater's heat, from which it is all of it."""
 _THRESHOLD = 8.0
 """K, prior deviation of thresholds that are wrong."""
 _REACHED = 0.2
@@ -59,10 +60,12 @@ def heaters(view: View) -> Iterator[Wrong]:
     centre = view.middle
     for name, block in blocks.items():
         on = np.nan_to_num(view.network.drive.measured[:, view.switch_of[name]])
-        if block.node not in view.heat.nodes or not on.any() or name in view.unknown:
+        if block.node not in view.heat.nodes or not on.any():
             continue
         waves = block.power * np.repeat(on, 2)[None]
         own = view.response(view.window, centre, block.node, waves)
+        if name in view.unknown:
+            continue
 
         def words(fit: Fit, name: str = name, power: float = block.power) -> Words:
             return _of_power(name, 1.0 + float(fit.added[0]), power)
@@ -73,20 +76,23 @@ def heaters(view: View) -> Iterator[Wrong]:
             yield from _powers(view, name, [name], (0.0, *FEW_TIMES, *FACTORS), len(blocks))
         yield from _from_then_on(view, name, np.linspace(0.0, view.network.drive.times[-1], _PARTS + 1)[1:-1], _PARTS)
         for node in view.heat.nodes:
-            if node == block.node:
-                continue
-            other = view.response(view.window, centre, node, waves) - own
-
-            def moved(fit: Fit, name: str = name, node: str = node, block: Any = block) -> Words:
-                return Words(
-                    f"{name} heats {node}, not {block.node}",
-                    f"While {name} is on, {node} rises as {block.node} should.",
-                    f"Correct 'node' of {name} in 'simulator: heaters'",
-                )
-
-            yield Wrong("heater", name, moved, columns=other, least=0.6, tries=len(blocks) * len(view.heat.nodes))
+            if node != block.node:
+                moved = view.response(view.window, centre, node, waves) - own
+                yield replace(_elsewhere(view, name, node), columns=moved, least=_MOST, lacked=True)
     if len(blocks) > 1 and not view.unknown:
         yield from _powers(view, "every heater", list(blocks), FEW_TIMES, len(FEW_TIMES))
+
+
+def _elsewhere(view: View, name: str, node: str) -> Wrong:
+    """A heater heats another node."""
+    blocks = view.window.scenario.network.heaters
+    written = blocks[name].node
+    words = Words(
+        f"{name} heats {node}, not {written}",
+        f"While {name} is on, {node} rises as {written} should.",
+        f"Correct 'node' of {name} in 'simulator: heaters'",
+    )
+    return Wrong("heater", name, words, tries=len(blocks) * len(view.heat.nodes))
 
 
 def _from_then_on(view: View, name: str, starts: Sequence[float] | FloatArray, parts: float) -> Iterator[Wrong]:
@@ -211,6 +217,71 @@ def _turn(beyond: FloatArray, first: int, length: int) -> int:
     return turn + int(after > before)
 
 
+def unmeasured(view: View) -> Iterator[Wrong]:
+    """A heater without a status is of another node, or switches where by its sensor and thresholds it never does."""
+    told = dict(by_temperature(view))
+    for name in view.inferred:
+        block, on = view.window.scenario.network.heaters[name], view.network.drive.measured[:, view.switch_of[name]]
+        if block.node not in view.heat.nodes:
+            continue
+        if name in view.unknown:
+            for node in view.heat.nodes:
+                if node != block.node:
+                    yield _unknown_elsewhere(view, name, node, told.get(node))
+            continue
+        half = _heat_of(view, name, block.node, (0.5 - np.nan_to_num(on))[None])
+        at_any_time = view.any_heat(view.window, view.middle, name, block.node, np.ones_like(on))
+        yield _switching(view, name, np.concatenate([half, at_any_time], axis=1), POWER)
+        if block.node in told:
+            columns = _as_told(view, name, block.node, told[block.node])
+            columns[:, :1] -= _heat_of(view, name, block.node, np.nan_to_num(on)[None])
+            yield _switching(view, name, columns, _MOST)
+
+
+def _unknown_elsewhere(view: View, name: str, node: str, told: FloatArray | None) -> Wrong:
+    """What nobody knows of a heater's heat is in another node, and not in the one that is written.
+
+    told: [K] when the node's temperature says that something heats it.
+    """
+    model = view.window.scenario.network
+    heaters = {**model.heaters, name: model.heaters[name].model_copy(update={"node": node})}
+    changed = view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"heaters": heaters})})
+    network = build_network(changed, view.network.network.heated)
+    columns = [view.unknown_heat(view.window, view.middle, name, node)]
+    if told is not None:
+        columns.append(_as_told(view, name, node, told))
+    return replace(
+        _elsewhere(view, name, node),
+        window=replace(view.simulated_by(network=network), scenario=changed),
+        columns=np.concatenate(columns, axis=1),
+    )
+
+
+def _as_told(view: View, name: str, node: str, told: FloatArray) -> FloatArray:
+    """[R, k] K of a heater that is on [K] as temperatures tell it, and of what they do not tell of its switches."""
+    return _heat_of(view, name, node, np.concatenate([told[None], about_switches(view, told)[:, ::2]]))
+
+
+def _heat_of(view: View, name: str, node: str, on: FloatArray) -> FloatArray:
+    """[R, k] K of a heater in a node that is on for shares [k, K] of the steps."""
+    power = view.window.scenario.network.heaters[name].power
+    return power * view.response(view.window, view.middle, node, np.repeat(on, 2, axis=1))
+
+
+def _switching(view: View, name: str, columns: FloatArray, least: float) -> Wrong:
+    """A heater switches though its sensor keeps it on or off all the time; columns: [R, k] of its heat."""
+    on = np.nanmean(view.network.drive.measured[:, view.switch_of[name]]) > 0.5
+    where, state = ("below", "on") if on else ("above", "off")
+    words = Words(
+        f"{name} does not switch at its thresholds",
+        f"Its sensor is always {where} 'on_below', so {name} should be {state}; with {name} on and off, the model "
+        "explains the telemetry.",
+        f"Check 'on_below', 'off_above' and 'sensor' of {name} and their units, and those of the sensor's telemetry",
+    )
+    tries = 2.0 * len(view.inferred)
+    return Wrong("thresholds", name, words, columns=columns, least=least, lacked=True, tries=tries)
+
+
 def thresholds(view: View) -> Iterator[Wrong]:
     """A heater switches at other temperatures than its thresholds."""
     for row, own in enumerate(view.thermostats):
@@ -230,5 +301,5 @@ def thresholds(view: View) -> Iterator[Wrong]:
         yield Wrong("thresholds", own.heater, words, columns=column, least=2.0 / _THRESHOLD, tries=tries)
 
 
-WRONGS = (statuses, heaters, useless_statuses, thresholds)
+WRONGS = (statuses, heaters, useless_statuses, thresholds, unmeasured)
 """What looks for them."""
