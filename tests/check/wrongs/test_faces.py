@@ -59,7 +59,8 @@ def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, 
     assert said in first.sentence
 
 
-def test_two_wings_that_a_drive_turns_are_named_together(tmp_path):
+def winged():
+    """The satellite with two wings of two sides, one at each of its nodes."""
     model = boxed()
     faces = model["simulator"]["faces"]
     cells = {"area": "0.06 m^2", "absorptivity": 0.8, "emissivity": 0.8}
@@ -67,6 +68,26 @@ def test_two_wings_that_a_drive_turns_are_named_together(tmp_path):
         faces[f"{name}_cells"] = cells | {"node": node, "normal": [0, 0, -1]}
         faces[f"{name}_back"] = cells | {"node": node, "normal": [0, 0, 1], "absorptivity": 0.2}
     del faces["outside"], faces["down"], faces["left"]
+    return model, faces
+
+
+def test_two_wings_whose_sides_are_exchanged_are_named_together(tmp_path):
+    model, faces = winged()
+    scenario, _ = small.load(tmp_path, model)
+    for name in ("left", "right"):
+        front, back = faces[f"{name}_cells"], faces[f"{name}_back"]
+        front["normal"], back["normal"] = back["normal"], front["normal"]
+    _, data = small.closed_loop(tmp_path, model)
+    # With so few other faces all may as well be turned.
+    titles = [own.title for own in named(scenario, data)]
+    assert titles == [
+        "The body's axes are others",
+        "Faces left_cells and left_back, right_cells and right_back are exchanged",
+    ]
+
+
+def test_two_wings_that_a_drive_turns_are_named_together(tmp_path):
+    model, faces = winged()
     scenario, _ = small.load(tmp_path, model)
     for name in ("left", "right"):
         faces[f"{name}_cells"]["normal"], faces[f"{name}_back"]["normal"] = DRIVEN

@@ -67,17 +67,9 @@ def _plates(
     lit: Mapping[FaceNormal, Mapping[str, FloatArray]],
 ) -> Iterator[Wrong]:
     """Both sides of a plate look another way: it was not deployed, is hinged otherwise, or its drive stands still."""
-    faces_of = view.window.scenario.network.faces
-    pairs = [
-        (a, b)
-        for a, b in combinations(normals, 2)
-        if faces_of[a].node == faces_of[b].node and _alike(normals[a], _behind(normals[b])) > 1.0 - _SAME
-    ]
+    pairs, wings = _two_sided(view, normals)
     if pairs:
         lit = {**lit, **{way: _lit(view, normals, way, seconds) for way in _DRIVEN}}
-    # Wings on both sides of a body are deployed and turned together.
-    alike = [_like(front, pairs, normals) for front, _ in pairs]
-    wings = [own for k, own in enumerate(alike) if len(own) > 1 and own not in alike[:k]]
     plates = [[own] for own in pairs] + wings
     for plate, way in product(plates, lit):
         names = [name for both in plate for name in both]
@@ -93,6 +85,20 @@ def _plates(
         shining = {front: lit[way] for front, _ in plate} | {rear: lit[_behind(way)] for _, rear in plate}
         window = _turned(view, seconds, shining)
         yield Wrong("face", " ".join(names), words, window=window, tries=8 * len(plates))
+
+
+def _two_sided(
+    view: View, normals: Mapping[str, FaceNormal]
+) -> tuple[list[tuple[str, str]], list[list[tuple[str, str]]]]:
+    """Both sides of each plate; and of plates that look alike: wings on both sides of a body are built together."""
+    faces_of = view.window.scenario.network.faces
+    pairs = [
+        (a, b)
+        for a, b in combinations(normals, 2)
+        if faces_of[a].node == faces_of[b].node and _alike(normals[a], _behind(normals[b])) > 1.0 - _SAME
+    ]
+    alike = [_like(front, pairs, normals) for front, _ in pairs]
+    return pairs, [own for k, own in enumerate(alike) if len(own) > 1 and own not in alike[:k]]
 
 
 def _like(front: str, pairs: Sequence[tuple[str, str]], normals: Mapping[str, FaceNormal]) -> list[tuple[str, str]]:
@@ -164,17 +170,19 @@ def _axes(view: View) -> Iterator[Wrong]:
 
 
 def _exchanged(view: View, normals: Mapping[str, FaceNormal]) -> Iterator[Wrong]:
-    """Two faces look each other's way."""
+    """Two faces look each other's way, or both sides of all wings."""
     columns, kinds = view.network.network.columns, flux_kinds(view.window.scenario)
     pairs = [(a, b) for a, b in combinations(normals, 2) if _alike(normals[a], normals[b]) < 1.0 - _SAME]
-    for pair in pairs:
-        a, b = ([columns.index(f"{kind}.{name}") for kind in kinds] for name in pair)
+    for both in [[own] for own in pairs] + _two_sided(view, normals)[1]:
+        ones, others = zip(*both, strict=True)
+        a, b = ([columns.index(f"{kind}.{name}") for name in names for kind in kinds] for names in (ones, others))
         words = Words(
-            f"Faces {pair[0]} and {pair[1]} are exchanged",
-            f"With the normals of {pair[0]} and {pair[1]} exchanged, the model explains the telemetry.",
-            f"Check 'normal' of {pair[0]} and {pair[1]} in 'simulator: faces'",
+            f"Faces {', '.join(map(' and '.join, both))} are exchanged",
+            f"With the normals of {listed(ones)} and of {listed(others)} exchanged, the model explains the telemetry.",
+            f"Check 'normal' of {listed([*ones, *others])} in 'simulator: faces'",
         )
-        yield Wrong("face", " ".join(pair), words, window=view.exchanged(a, b), tries=5 * len(pairs))
+        about = " ".join(name for pair in both for name in pair)
+        yield Wrong("face", about, words, window=view.exchanged(a, b), tries=5 * len(pairs))
 
 
 def _named(axis: FloatArray) -> str:
