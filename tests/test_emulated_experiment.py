@@ -9,6 +9,8 @@ import pytest
 import xarray
 
 from flightcal.commands.calibrate import run_experiment
+from flightcal.emulation import active
+from flightcal.scenario import NutsSettings
 from tests.external import scenes
 from tests.told import Told
 from tests.workers import close_workers
@@ -65,7 +67,11 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("emulated")
     scenario = written(folder, {"later": LATER}, 80)
     told = Told()
-    yield scenario, folder / "run", run_experiment(scenario, folder / "run", progress=told), told
+    with pytest.MonkeyPatch.context() as patch:
+        # Fewer draws between rounds; the end is sampled as the scenario says.
+        patch.setattr(active, "_NUTS", NutsSettings(chains=4, draws=150, warmup=100))
+        summary = run_experiment(scenario, folder / "run", progress=told)
+    yield scenario, folder / "run", summary, told
     close_workers()
 
 

@@ -39,6 +39,7 @@ def test_the_scenario_knows_when_the_satellite_images(name):
     assert (flown == known).all()
 
 
+@pytest.mark.slow
 def test_another_flight_differs_in_imaging_after_the_training(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(FOLDER)
     monkeypatch.setattr(importlib.import_module("make_telemetry"), "FOLDER", FOLDER)

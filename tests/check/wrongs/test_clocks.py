@@ -45,6 +45,7 @@ def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):
     assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_off_by_no_step_of_the_search_is_named_to_some_seconds(tmp_path):
     scenario, data = small.closed_loop(tmp_path, sunlit())
     first = named(scenario, data.assign_coords(time=data["time"] + np.timedelta64(1097, "s")))[0]

@@ -37,7 +37,7 @@ DRIVEN = {"tracks_sun_about": [0, 1, 0]}, {"tracks_sun_about": [0, 1, 0], "back"
     ("written", "flown", "said"),
     [
         (([0, -1, 0], [0, 1, 0]), ([0, 0, -1], [0, 0, 1]), "With the normal [0, 0, -1] of cells"),
-        (DRIVEN, ([1, 0, 0], [-1, 0, 0]), "With the normal [1, 0, 0] of cells"),
+        pytest.param(DRIVEN, ([1, 0, 0], [-1, 0, 0]), "With the normal [1, 0, 0] of cells", marks=pytest.mark.slow),
         (([0, 0, -1], [0, 0, 1]), DRIVEN, "With the normal {tracks_sun_about: [0, 1, 0]} of cells"),
     ],
     ids=["not deployed", "a drive that stands still", "a drive that the scenario lacks"],

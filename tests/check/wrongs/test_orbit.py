@@ -96,6 +96,7 @@ def test_attitudes_that_are_exchanged_are_named(tmp_path):
     assert named(scenario, data)[0].title == "Attitudes 'one' and 'other' are exchanged"
 
 
+@pytest.mark.slow
 def test_one_attitude_that_is_another_is_named_with_its_time(tmp_path):
     written = boxed()
     written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
@@ -157,6 +158,7 @@ def test_an_epoch_that_is_a_day_off_is_tried(tmp_path, elements):
     assert apart[0] < 0.3 < 2.0 < apart[1]
 
 
+@pytest.mark.slow
 def test_an_orbits_radius_that_is_written_as_its_altitude_is_named(tmp_path):
     written = boxed()
     _, data = small.closed_loop(tmp_path, written)
@@ -174,7 +176,9 @@ def test_a_node_that_is_a_degree_off_is_tried(tmp_path):
     assert all(f"ltan {time}:" in tried for time in ("11:52", "11:56", "12:04", "12:08", "13:00"))
 
 
-@pytest.mark.parametrize(("name", "value"), [("direction", [1, 0, 0]), ("period", "20 min")])
+@pytest.mark.parametrize(
+    ("name", "value"), [pytest.param("direction", [1, 0, 0], marks=pytest.mark.slow), ("period", "20 min")]
+)
 def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, value):
     written = boxed()
     written["environment"]["attitude"] = {"spin_axis": [0, 0, 1], "direction": [0, 0, 1], "period": "40 min"}
@@ -185,6 +189,7 @@ def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, valu
     assert (first.kind, first.about) == ("attitude", name)
 
 
+@pytest.mark.slow
 def test_a_spin_with_another_phase_is_named_with_the_phase_to_write(tmp_path):
     written = boxed()
     attitude = {"spin_axis": [0, 0, 1], "direction": [0, 0.6, 0.8], "period": "40 min", "epoch": "2024-03-01T00:00:00"}
@@ -226,6 +231,7 @@ def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
     assert "orbit" in {own.kind for own in named(scenario, data)}
 
 
+@pytest.mark.slow
 def test_the_place_in_an_ellipse_is_named(tmp_path):
     written = boxed()
     elements = {"semi_major_axis": "8500 km", "eccentricity": 0.2, "inclination": "60 deg"}

@@ -104,6 +104,7 @@ def test_faces_of_one_parameter_are_exchanged_with_others_once(tmp_path):
     assert dict(moved[0].moved)[entry] == pytest.approx(0.4, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_number_of_the_sun_that_cannot_be_is_named(tmp_path):
     written = boxed()
     _, data = small.closed_loop(tmp_path, written)
