@@ -40,13 +40,14 @@ import os
 import pickle
 import subprocess
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from llvmlite import ir
@@ -349,6 +350,34 @@ class Program:
     def run(self) -> int:
         """0, or what the kernel returned that ended it; the interpreter lock is free meanwhile."""
         return self.row()
+
+
+K = TypeVar("K")
+
+
+class Spare(Generic[K]):
+    """Memory of programs, each for one user at a time: what is free is used again, and made where nothing is free.
+
+    Not a `threading.local`: a thread of nutpie's is a new one to Python at every call, and finds that empty.
+    """
+
+    def __init__(self, make: Callable[..., K]) -> None:
+        """make(*kind) -> memory of a kind."""
+        self._make = make
+        self._free: defaultdict[tuple[Any, ...], list[K]] = defaultdict(list)
+
+    @contextmanager
+    def borrowed(self, *kind: Any) -> Iterator[K]:
+        """Memory of a kind that nobody else has during the block."""
+        free = self._free[kind]
+        try:
+            memory = free.pop()
+        except IndexError:  # looked for in one go: another thread may take the last one
+            memory = self._make(*kind)
+        try:
+            yield memory
+        finally:
+            free.append(memory)
 
 
 # --- ahead of time ----------------------------------------------------------------------------------------------

@@ -527,7 +527,7 @@ def test_memory_that_is_given_back_changes_no_simulation(tmp_path):
     simulator = small.simulator_of(*small.load(tmp_path, small.content()))
     theta = small.theta_of(simulator)
     before = simulator.simulate(theta).temperatures
-    assert "_free" in vars(simulator)
+    assert "_memories" in vars(simulator)
     simulator.release()
-    assert "_free" not in vars(simulator)
+    assert "_memories" not in vars(simulator)
     np.testing.assert_array_equal(simulator.simulate(theta).temperatures, before)

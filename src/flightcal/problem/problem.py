@@ -7,14 +7,13 @@ of `entries`; z is theta on the unconstrained scale on which the sampler moves.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ..compiled import warm
+from ..compiled import Spare, warm
 from ..probability import (
     DEVIATION,
     Bars,
@@ -233,9 +232,8 @@ class Problem:
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where a simulation fails."""
-        if not hasattr(self._own, "density"):
-            self._own.density = self.native_density(Whitening(np.zeros(len(z)), np.eye(len(z))))
-        value, gradient = (self._in_python if self._own.density is None else self._own.density)(z)
+        with self._densities.borrowed(len(z)) as density:
+            value, gradient = (density or self._in_python)(z)
         if any(window.measured_switches is not None for window in self.windows) and math.isfinite(value):
             return self._with_thresholds(z, value, gradient)
         return value, gradient
@@ -298,19 +296,20 @@ class Problem:
             (window.target, run.temperatures, window.numbers(theta), run.error_variance, window.scales(theta))
             for window, run, theta in zip(self.windows, runs, thetas, strict=True)
         ]
-        if not hasattr(self._own, "likelihood"):
-            self._own.likelihood = Likelihood([window.terms for window in self.windows], given[0][2].shape[1])
-        value, bars = self._own.likelihood(*given)
-        return value, bars
+        with self._likelihoods.borrowed(given[0][2].shape[1]) as likelihood:
+            return likelihood(*given)
 
     def _inside(self, z: FloatArray, prior: PriorTerms) -> Iterator[tuple[Window, PriorTerms]]:
         for window, own in zip(self.windows, self.links, strict=True):
             yield window, own.at(z, prior)
 
     @cached_property
-    def _own(self) -> threading.local:
-        """What each thread has for itself."""
-        return threading.local()
+    def _densities(self) -> Spare[NativeDensity | None]:
+        return Spare(lambda d: self.native_density(Whitening(np.zeros(d), np.eye(d))))
+
+    @cached_property
+    def _likelihoods(self) -> Spare[Likelihood]:
+        return Spare(lambda numbers: Likelihood([window.terms for window in self.windows], numbers))
 
     # --- its curvature ------------------------------------------------------------------------------------------
 

@@ -9,7 +9,6 @@ A window reads theta of its own [q], in physical units, ordered: the scenario's 
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import Spare
 from ..environment import orbital_period
 from ..probability import (
     DEVIATION,
@@ -402,20 +402,17 @@ class Window:
 
     def of_residuals(self, theta: FloatArray, run: Trajectory) -> float:
         """Log likelihood of the temperatures, as if of this window alone, with the simulation at theta [q]."""
-        numbers = self.numbers(theta)
-        if not hasattr(self._own, "likelihood"):
-            self._own.likelihood = Likelihood([self.terms], numbers.shape[1])
-        given = self.target, run.temperatures, numbers, run.error_variance, self.scales(theta)
-        return float(self._own.likelihood(given)[0])
+        given = self.target, run.temperatures, self.numbers(theta), run.error_variance, self.scales(theta)
+        with self._likelihoods.borrowed(given[2].shape[1]) as likelihood:
+            return float(likelihood(given)[0])
 
     def _cotangents(self, temperatures_bar: FloatArray, variance_bar: FloatArray) -> tuple[FloatArray, ...]:
         """What the vector-Jacobian product of the simulator takes."""
         return (temperatures_bar,) if self.simulator.error_basis is None else (temperatures_bar, variance_bar)
 
     @cached_property
-    def _own(self) -> threading.local:
-        """What each thread has for itself."""
-        return threading.local()
+    def _likelihoods(self) -> Spare[Likelihood]:
+        return Spare(lambda numbers: Likelihood([self.terms], numbers))
 
     def by_numbers(
         self, numbers_bar: FloatArray, settings_bar: FloatArray | None = None, scales_bar: FloatArray | None = None

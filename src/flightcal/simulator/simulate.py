@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import threading
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -15,7 +13,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import Program, Row
+from ..compiled import Program, Row, Spare
 from .assembly import ParameterMap, assemble
 from .calls import Calls
 from .elimination import Elimination
@@ -179,7 +177,7 @@ class NetworkSimulator:
 
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]. Raises SimulationFailure."""
-        with self._borrowed(1) as calls:
+        with self._memories.borrowed(1, 0, 0) as calls:
             calls.simulate(np.array(theta))
             if not _succeeded(calls.outputs, 1)[0]:
                 raise SimulationFailure("a temperature is one that no sensor reads")
@@ -272,7 +270,7 @@ class NetworkSimulator:
         def simulate(first: int) -> list[T]:
             part = slice(first, first + size)
             sizes = (0 if part is None else part.shape[1] for part in (scatter, heat))
-            with self._borrowed(1 if few else WIDTH, *sizes) as calls:
+            with self._memories.borrowed(1 if few else WIDTH, *sizes) as calls:
                 count = len(thetas[part])
                 calls.simulations[0], calls.thetas[:count] = count, thetas[part]
                 if scatter is not None:
@@ -298,7 +296,8 @@ class NetworkSimulator:
         From the cotangents of the temperatures [T, N] and, if given, of the switches' times [E] to that of theta [d].
         """
         theta = np.array(theta)
-        calls = self._linearised(theta)
+        with self._linearised(theta) as calls:
+            trajectory = self._trajectory(copied(calls.outputs, 1), 0)
 
         def cotangent(
             temperatures_bar: FloatArray,
@@ -306,13 +305,13 @@ class NetworkSimulator:
             *,
             switches_bar: FloatArray | None = None,
         ) -> FloatArray:
-            calls = self._linearised(theta)
-            calls.temperatures_bar[:] = temperatures_bar
-            calls.switches_bar[: calls.outputs.switches[0]] = 0.0 if switches_bar is None else switches_bar
-            calls.run_backward.run()
-            return calls.theta_bar.copy()
+            with self._linearised(theta) as calls:
+                calls.temperatures_bar[:] = temperatures_bar
+                calls.switches_bar[: calls.outputs.switches[0]] = 0.0 if switches_bar is None else switches_bar
+                calls.run_backward.run()
+                return calls.theta_bar.copy()
 
-        return self._trajectory(copied(calls.outputs, 1), 0), cotangent
+        return trajectory, cotangent
 
     def threshold_excess(
         self, theta: FloatArray, switches: Switch
@@ -323,7 +322,8 @@ class NetworkSimulator:
         Also its vector-Jacobian product: cotangent [E] -> of theta [d]. Raises SimulationFailure.
         """
         theta, structure = np.array(theta), self.integrated
-        run = self._linearised(theta).integration
+        with self._linearised(theta) as calls:
+            states, packed = calls.integration.states.copy(), calls.integration.packed[0].copy()
         # From when a heater may have switched it has half of its power; up to the switch the sensor goes on as before.
         times = self.drive.times
         last = self.drive.known_until[locate(switches.time - 1e-6, times).point, switches.heater]
@@ -333,22 +333,22 @@ class NetworkSimulator:
         sensor = structure.sensor[switches.heater]
         lower, upper = packed_bounds(structure)[4:6]
         threshold = np.where(switches.on > 0.5, lower, upper) + switches.heater
-        reached = (1.0 + weight) * run.states[last, sensor] - weight * run.states[back, sensor]
+        reached = (1.0 + weight) * states[last, sensor] - weight * states[back, sensor]
 
         def pull_back(excess_bar: FloatArray) -> FloatArray:
-            calls = self._linearised(theta)
-            run = calls.integration
-            run.temperatures_bar[:], run.switches_bar[: run.outputs.switches[0]] = 0.0, 0.0
-            np.add.at(run.states_bar, (last, sensor), (1.0 + weight) * excess_bar)
-            np.subtract.at(run.states_bar, (back, sensor), weight * excess_bar)
-            run.adjoint()
-            run.states_bar[:] = 0.0
-            np.subtract.at(run.packed_bar, threshold, excess_bar)
-            for row in calls.backward[1:]:
-                row()
-            return calls.theta_bar.copy()
+            with self._linearised(theta) as calls:
+                run = calls.integration
+                run.temperatures_bar[:], run.switches_bar[: run.outputs.switches[0]] = 0.0, 0.0
+                np.add.at(run.states_bar, (last, sensor), (1.0 + weight) * excess_bar)
+                np.subtract.at(run.states_bar, (back, sensor), weight * excess_bar)
+                run.adjoint()
+                run.states_bar[:] = 0.0
+                np.subtract.at(run.packed_bar, threshold, excess_bar)
+                for row in calls.backward[1:]:
+                    row()
+                return calls.theta_bar.copy()
 
-        return reached - run.packed[0, threshold], pull_back
+        return reached - packed[threshold], pull_back
 
     def calls(self) -> Calls:
         """Memory and C calls for one simulation at a time with its derivative."""
@@ -358,43 +358,32 @@ class NetworkSimulator:
     def rows(self) -> tuple[Row, ...]:
         """Calls of all kernels that simulations and their derivatives need."""
         calls = self.calls()
-        with self._borrowed(WIDTH) as many:
+        with self._memories.borrowed(WIDTH, 0, 0) as many:
             return (*calls.forward, *calls.backward, *many.forward, Program([]).row)
 
-    def _linearised(self, theta: FloatArray) -> Calls:
-        """This thread's memory, with the simulation at theta (that very array)."""
-        if not hasattr(self._own, "calls"):
-            self._own.calls = self.calls()
-        calls: Calls = self._own.calls
-        calls.simulate(theta)
-        return calls
-
     @contextmanager
-    def _borrowed(self, lanes: int, scatter: int = 0, acting: int = 0) -> Iterator[Calls]:
-        """Memory for simulations without a derivative, one or many, while no other thread has it."""
-        free, rooms = self._free[lanes, scatter, acting], 1 if lanes == 1 else _CHUNK
-        try:
-            calls = free.pop()
-        except IndexError:  # looked for in one go: another thread may take the last one
-            calls = Calls(self, rooms=rooms, lanes=lanes, scatter=scatter, acting=acting)
-        try:
+    def _linearised(self, theta: FloatArray) -> Iterator[Calls]:
+        """Memory with the simulation at theta (that very array) and for its derivative."""
+        with self._derivatives.borrowed() as calls:
+            calls.simulate(theta)
             yield calls
-        finally:
-            free.append(calls)
 
     @cached_property
-    def _free(self) -> defaultdict[tuple[int, int, int], list[Calls]]:
-        """What no thread uses at the moment: for so many lanes, scattered switches and nodes that are heated."""
-        return defaultdict(list)
+    def _derivatives(self) -> Spare[Calls]:
+        return Spare(self.calls)
 
     @cached_property
-    def _own(self) -> threading.local:
-        """What each thread has for itself."""
-        return threading.local()
+    def _memories(self) -> Spare[Calls]:
+        """For simulations without a derivative: so many at once, scattered switches and nodes that are heated."""
+
+        def make(lanes: int, scatter: int, acting: int) -> Calls:
+            return Calls(self, rooms=1 if lanes == 1 else _CHUNK, lanes=lanes, scatter=scatter, acting=acting)
+
+        return Spare(make)
 
     def release(self) -> None:
         """Give back the memory that is kept for the next simulations, while none goes on."""
-        for kept in ("_free", "_own"):
+        for kept in ("_derivatives", "_memories"):
             self.__dict__.pop(kept, None)
 
     def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
