@@ -75,7 +75,7 @@ def test_the_posterior_is_that_of_the_real_simulator(problem, learnt):
 @pytest.mark.slow
 def test_every_round_says_what_it_did(learnt):
     found, told, saved = learnt
-    assert told.said[2:] == [str(a) for a in found.rounds]
+    assert [line.split("; rounds left")[0] for line in told.said[2:]] == [str(own) for own in found.rounds]
     assert [done for done, _ in told.notes] == [a.runs for a in found.rounds]
     assert {a.runs for a in found.rounds} <= {len(runs) for runs in saved}
     assert np.diff([0, *(len(runs) for runs in saved)]).max() <= 8
@@ -111,12 +111,22 @@ def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
         asked.extend(thetas)
         return evaluate(window, thetas)
 
-    file, settings = tmp_path / "runs.nc", EmulatorSettings(runs=60, start=40, batch=10)
+    file, settings, beliefs = tmp_path / "runs.nc", EmulatorSettings(runs=60, start=40, batch=10), []
     arguments = {"settings": settings, "seed": 5, "save": lambda runs: write_netcdf(file, runs[0].dataset())}
     with pytest.raises(KeyboardInterrupt):
-        learn(problem, interrupted, nothing, **arguments)
+        learn(problem, interrupted, nothing, save_beliefs=lambda found: beliefs.append(found[-1]), **arguments)
     assert len(asked) == 48  # in the middle of a round
-    found = learn(problem, counted, (read_runs(file, nothing[0]),), **arguments)
+    sampled = []
+
+    def counting(*given, **named):
+        sampled.append(given)
+        return nuts.sample(*given, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(active, "sample", counting)
+        found = learn(problem, counted, (read_runs(file, nothing[0]),), beliefs=beliefs, **arguments)
+    assert len(beliefs) == 1
+    assert len(sampled) == len(found.rounds) - 1
     assert len(asked) == len(found.runs[0]) <= 60
     assert found.reached or found.rounds[-1].verdict == "the budget of runs is spent"
     straight = learn(problem, evaluate, nothing, settings=settings, seed=5)
@@ -135,7 +145,8 @@ def test_an_interruption_between_the_runs_ends_it(problem, monkeypatch):
         threading.Timer(0.05, signal.raise_signal, [signal.SIGINT]).start()
         return nuts.sample(*given, **named)
 
-    monkeypatch.setattr(active, "_NUTS", NutsSettings(chains=2, draws=10_000, warmup=100))
+    for rounds in ("_NUTS", "_COARSE"):
+        monkeypatch.setattr(active, rounds, NutsSettings(chains=2, draws=10_000, warmup=100))
     monkeypatch.setattr(active, "sample", interrupted)
     settings = EmulatorSettings(runs=60, start=40, batch=10)
     with pytest.raises(KeyboardInterrupt):
@@ -153,8 +164,8 @@ def test_runs_are_told_with_how_many_there_are_at_most_and_how_long_these_take(p
     evaluate, told = partial(derivative_free.evaluate, fails=lambda _: True), Told()
     with pytest.raises(FlightcalError):
         learn(problem, evaluate, derivative_free.nothing(problem), EmulatorSettings(runs=40), seed=5, progress=told)
-    assert told.said[0] == "at most 40 runs of the simulator"
-    assert re.match(r"the first 8 runs took [\d.]+ s, so all take about \d+ s at most", told.said[1])
+    assert told.said[0] == "at most 40 runs of the simulator, and rounds of sampling: at most 1"
+    assert re.match(r"the first 8 runs took [\d.]+ s, so all runs take about \d+ s at most", told.said[1])
     assert told.stages["runs"] == [(done, f"{done} of at most 40") for done in (8, 16, 24, 32, 40)]
 
 

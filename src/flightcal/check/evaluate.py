@@ -39,17 +39,21 @@ class PriorRuns:
 
     problem: Problem
     draws: int = 100
+    made: tuple[FloatArray, ManyRuns] | None = None
+    """`thetas` and `runs`, where others have made them."""
 
     @cached_property
     def thetas(self) -> FloatArray:
         """[S, d]"""
+        if self.made is not None:
+            return self.made[0]
         seed = self.problem.scenario.calibration.seed
         return np.asarray(self.problem.priors.sample(np.random.default_rng(seed), self.draws))
 
     @cached_property
     def runs(self) -> ManyRuns:
         """[S]"""
-        return self.problem.simulate_many(self.thetas)
+        return self.problem.simulate_many(self.thetas) if self.made is None else self.made[1]
 
 
 THOROUGH = Effort(draws=400, base=256, scan=61, searches=4)

@@ -130,9 +130,9 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         run.given(run.folder.identity, learnt_from)
         emulation = run.stage(emulator_stage(problem), problem, learnt_from, settings=method.emulator, seed=seed)
         run.given(run.key(emulation), emulation.searched)
-    # Where the simulator is run and not looked into, draws of the prior say what may be wrong: an emulator gives them.
-    prior_runs = PriorRuns(emulation.searched if emulation is not None else problem)
-    run.given(run.folder.identity, prior_runs)
+    # Where the simulator is run and not looked into, its runs through the priors say what may be wrong.
+    prior_runs = PriorRuns(problem, made=None if emulation is None else emulation.start)
+    run.given(run.folder.identity if emulation is None else run.key(emulation), prior_runs)
     for line in run.stage(taken_over(SUSPECTS, searched), problem, data, prior_runs).lines:
         run.progress.say(line)
     if emulation is not None:

@@ -25,7 +25,7 @@ from ..probability import DEVIATION, Priors, sobol
 from ..problem import Problem, Window, whitening
 from ..progress import SILENT, Progress, about
 from ..scenario import EmulatorSettings, NutsSettings
-from ..simulator import FloatArray, SimulationFailure
+from ..simulator import FloatArray, SimulationFailure, Trajectory
 from ..telemetry import quiet_noise
 from .emulator import Emulator, fit_emulator, simulated_priors, with_emulator
 from .held_out import Validation, together, validate
@@ -40,7 +40,9 @@ Runs = tuple[TrainingRuns, ...]
 """Of each window; the k-th of all are at the same theta of the calibration."""
 
 _NUTS = NutsSettings(chains=4, draws=400, warmup=200)
-"""Of a round: enough for means within 0.05 standard deviations."""
+"""Of a round that sees all of the windows: enough for means within 0.05 standard deviations."""
+_COARSE = NutsSettings(chains=4, draws=100, warmup=150)
+"""Of a round that sees their beginnings: enough to choose the next runs by."""
 _PRIOR_SHARE = 0.998
 """Of each prior, through which the start design goes."""
 _LEAST_NOISE = 1e-3  # K
@@ -125,9 +127,11 @@ class Learnt:
 
 
 @dataclass(frozen=True)
-class _Belief:
+class Belief:
     """Posterior draws of a round."""
 
+    runs: int
+    """Asked for before it."""
     z: FloatArray
     """[S, d]."""
     effective: float
@@ -137,10 +141,12 @@ class _Belief:
 
     @property
     def mean(self) -> FloatArray:
+        """[d] of z."""
         return np.asarray(self.z.mean(axis=0))
 
     @property
     def deviation(self) -> FloatArray:
+        """[d] of z."""
         return np.asarray(self.z.std(axis=0))
 
 
@@ -152,36 +158,49 @@ def learn(
     seed: int,
     *,
     beginning: Callable[[Window, int], Window] | None = None,
+    beliefs: Sequence[Belief] = (),
     save: Callable[[Runs], None] = lambda _: None,
+    save_beliefs: Callable[[list[Belief]], None] = lambda _: None,
     progress: Progress = SILENT,
 ) -> Learnt:
     """Learn an emulator of each window's simulator around the posterior.
 
-    beginning: a window's first so many samples (None: only whole windows are looked at; see `horizon`). runs: what has
-    been run before (`no_runs`: nothing). The same seed and settings ask for the same runs, so what has been run is not
-    run again, and an interrupted call ends as it would have. save: is given all runs after each few of them.
-    Raises FlightcalError where too few runs of the start design finish.
+    beginning: a window's first so many samples (None: only whole windows are looked at; see `horizon`). runs, beliefs:
+    what has been run and sampled before (`no_runs`: nothing). The same seed and settings ask for the same, so nothing
+    is run or sampled again, and an interrupted call ends as it would have. save: is given all runs after each few of
+    them; save_beliefs: those of all rounds after each. Raises FlightcalError where too few runs of the start design
+    finish.
     """
     windows = problem.windows
     inputs = sum(len(window.simulator.parameters) for window in windows)
-    rng = np.random.default_rng(seed)
     shortest = min(len(own) for own in runs)  # of all windows but where an interrupted call saved only some
     campaign = _Campaign(problem, evaluate, save, _each(runs, slice(0, shortest)), settings.runs, progress)
-    progress.say(f"at most {settings.runs} runs of the simulator")
     count = max(0, min(settings.runs, settings.start or 10 * inputs)) // len(windows)
+    usual = max(len(windows), settings.batch or 4 * inputs)
+    most_rounds = 1 + _batches(settings.runs - count * len(windows), usual)
+    progress.say(f"at most {settings.runs} runs of the simulator, and rounds of sampling: at most {most_rounds}")
     runs = campaign.complete(_each(runs, slice(0, 0)), _through_the_priors(problem, count, seed), 0)
     _check_start(problem, runs)
     whole = sum(len(window.times) for window in windows)
     validation: Validation | None = None
-    belief: _Belief | None = None
+    belief: Belief | None = None
     rounds: list[Round] = []
+    found: list[Belief] = []
     while True:
+        started, rng = perf_counter(), np.random.default_rng([seed, len(rounds), 1])
         asked = sum(len(own) for own in runs)
-        batch = min(max(len(windows), settings.batch or 4 * inputs), settings.runs - asked) // len(windows)
+        batch = min(usual, settings.runs - asked) // len(windows)
         fits = _fit(problem, runs, belief, beginning if batch > 0 else None)
         emulated = replace(problem, windows=tuple(fit.window for fit in fits), open_loop=None)
         samples = sum(len(fit.window.times) for fit in fits)
-        before, belief = belief, _posterior(emulated, runs, belief, rng, progress)
+        before, kept = belief, beliefs[len(rounds)] if len(rounds) < len(beliefs) else None
+        if kept is not None and (kept.runs, kept.samples) == (asked, samples):
+            belief = kept
+        else:
+            nuts = _NUTS if samples == whole else _COARSE
+            belief = _posterior(emulated, runs, belief, nuts, np.random.default_rng([seed, len(rounds)]), progress)
+        found.append(belief)
+        save_beliefs(found)
         share, shift = influence(emulated, belief.z, rng)
         moved, monte_carlo = _movement(before, belief)
         reached = (
@@ -209,7 +228,8 @@ def learn(
             )
         )  # fmt: skip
         progress.at(asked)
-        progress.say(str(rounds[-1]))
+        left = "" if reached else _time_left(_batches(settings.runs - asked, usual), perf_counter() - started)
+        progress.say(f"{rounds[-1]}{left}")
         if reached or batch <= 0:
             texts = {title(problem, window): failure_summary(own) for window, own in zip(windows, runs, strict=True)}
             failures = "; ".join(f"{start}{text}" for start, text in texts.items() if text)
@@ -218,6 +238,15 @@ def learn(
         runs = campaign.complete(runs, problem.to_theta(most_telling(emulated, belief.z, batch, rng)), number)
         new = [own.take((own.round == number) & own.finished) for own in runs]
         validation = _validation(problem, fits, new) if all(len(own) for own in new) else None
+
+
+def _batches(runs: int, batch: int) -> int:
+    return max(0, math.ceil(runs / batch))
+
+
+def _time_left(rounds: int, seconds: float) -> str:
+    """How long so many more rounds take, if each samples as long as the last one did."""
+    return f"; rounds left: at most {rounds}, {about(seconds)} each beside the runs" if rounds else ""
 
 
 def title(problem: Problem, window: Window) -> str:
@@ -239,7 +268,7 @@ def _through_the_priors(problem: Problem, count: int, seed: int) -> FloatArray:
 
 
 def _fit(
-    problem: Problem, runs: Runs, belief: _Belief | None, beginning: Callable[[Window, int], Window] | None
+    problem: Problem, runs: Runs, belief: Belief | None, beginning: Callable[[Window, int], Window] | None
 ) -> tuple[Fit, ...]:
     """Emulators of the runs near the posterior, of all runs where there is none yet."""
     fits = []
@@ -317,8 +346,8 @@ class _Campaign:
     def _foretell(self, seconds: float, runs: int) -> None:
         """Say how long the most runs will take, as the first ones tell it."""
         self.progress.say(
-            f"the first {runs} runs took {seconds:.1f} s, so all take {about(seconds / runs * self.most)} at most; "
-            "each round samples, too"
+            f"the first {runs} runs took {seconds:.1f} s, so all runs take {about(seconds / runs * self.most)} at "
+            "most; the sampling of the first round will tell how long the rounds take"
         )
 
 
@@ -375,8 +404,13 @@ def _near(
 
 
 def _posterior(
-    problem: Problem, runs: Runs, before: _Belief | None, rng: np.random.Generator, progress: Progress
-) -> _Belief:
+    problem: Problem,
+    runs: Runs,
+    before: Belief | None,
+    nuts: NutsSettings,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> Belief:
     """Posterior draws of the emulated problem, its mode sought from the best real runs and the round before.
 
     Not from prior draws: where runs are far the emulator's own variance explains any telemetry a little, and a climb
@@ -394,11 +428,12 @@ def _posterior(
             raise FlightcalError(f"emulator: {failure}") from None
         # The mode is at the edge of where there are runs.
         coordinates = whitening(before.mean, np.asarray(np.linalg.inv(np.cov(before.z.T)), float))
-    draws = sample(problem.log_density_and_gradient, coordinates, _NUTS, int(rng.integers(2**32)), progress=progress)
+    draws = sample(problem.log_density_and_gradient, coordinates, nuts, int(rng.integers(2**32)), progress=progress)
     if draws.interrupted:
         raise KeyboardInterrupt
     samples = sum(len(window.times) for window in problem.windows)
-    return _Belief(draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z), samples)
+    asked = sum(len(own) for own in runs)
+    return Belief(asked, draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z), samples)
 
 
 def _best_runs(problem: Problem, runs: Runs) -> FloatArray:
@@ -422,6 +457,15 @@ def _best_runs(problem: Problem, runs: Runs) -> FloatArray:
     return thetas[np.argsort(-density)[:_MODE_STARTS]]
 
 
+def start_runs(problem: Problem, runs: Runs) -> tuple[FloatArray, list[tuple[Trajectory, ...] | None]]:
+    """Thetas [S, d] of the start design, and what ran there: of each window; None where one failed."""
+    started = _each(runs, np.flatnonzero(runs[0].round == 0))
+    of_windows = [own.trajectories() for own in started]
+    finished = on_all_windows(started)
+    every = zip(finished, zip(*of_windows, strict=True), strict=True)
+    return _thetas_of(problem, started), [run if whole else None for whole, run in every]
+
+
 def _thetas_of(problem: Problem, runs: Runs) -> FloatArray:
     """Thetas [S, d] of runs; what simulations do not depend on is at its prior's median, and so are drifts' sizes."""
     thetas = np.tile(problem.priors.median(), (len(runs[0]), 1))
@@ -439,7 +483,7 @@ def _thetas_of(problem: Problem, runs: Runs) -> FloatArray:
     return thetas
 
 
-def _movement(before: _Belief | None, now: _Belief) -> tuple[float, float]:
+def _movement(before: Belief | None, now: Belief) -> tuple[float, float]:
     """Largest difference of the means in standard deviations, and two standard errors of such a difference."""
     if before is None:
         return math.nan, math.nan

@@ -78,7 +78,7 @@ class TrainingRuns:
         return [status_switches(seconds, status) for status in self.status]
 
     def trajectories(self) -> list[Trajectory]:
-        """[S] of finished runs."""
+        """[S]; NaN where a run did not finish."""
         every = zip(self.temperatures, self.status, self.switches, strict=True)
         return [
             Trajectory(temperatures, status, status.mean(axis=0), switches) for temperatures, status, switches in every

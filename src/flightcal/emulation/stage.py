@@ -25,8 +25,8 @@ from ..errors import ScenarioError
 from ..problem import Problem, Window
 from ..run import Run, Stage, plain, read_json
 from ..scenario import EmulatorSettings, NutsSettings, not_normal
-from ..simulator import FloatArray
-from .active import Learnt, Runs, learn
+from ..simulator import FloatArray, Trajectory
+from .active import Belief, Learnt, Runs, learn, start_runs
 from .emulated import (
     CHECKED,
     SimulatorCheck,
@@ -44,6 +44,8 @@ from .runs import read_runs
 from .simulator_check import LARGEST_DENSITY_ERROR
 
 RUNS_FILE, EMULATOR_FILE, CHECK_FILE = "training_runs.nc", "emulator.json", "emulator_check.json"
+_ROUNDS_FILE = "emulator_rounds.json"
+"""Draws of each round, so that an interrupted learning takes them up."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class Emulation:
     """With emulators in the place of its windows' simulators."""
     searched: Problem
     """The same with coarse emulators of all runs, for the genetic algorithm."""
+    start: tuple[FloatArray, list[tuple[Trajectory, ...] | None]]
+    """Thetas [S, d] through the priors and the simulator's own runs there, of each window; None where one failed."""
     theta: FloatArray
     """[d] where to start sampling."""
     reached: bool
@@ -72,7 +76,7 @@ def emulator_stage(problem: Problem) -> Stage[Emulation]:
             f"noise: found {' and '.join(not_normal(problem.scenario))} noise, expected normal noise: the simulator's "
             "server offers no gradient, and only with normal noise can an emulator's error be integrated out"
         )
-    files = (*_names(RUNS_FILE, problem), EMULATOR_FILE)
+    files = (*_names(RUNS_FILE, problem), _ROUNDS_FILE, EMULATOR_FILE)
     return Stage("emulator", "learning an emulator", files, _learn, _read_learnt)
 
 
@@ -85,7 +89,9 @@ def _learn(run: Run, problem: Problem, telemetry: xarray.Dataset, *, settings: E
         settings.model_copy(update={"runs": settings.runs - CHECKED * len(problem.windows)}),
         seed,
         beginning=partial(beginning, telemetry),
+        beliefs=_beliefs_so_far(run),
         save=partial(_write, run, files),
+        save_beliefs=lambda beliefs: run.folder.write_json(_ROUNDS_FILE, plain(beliefs)),
         progress=run.progress,
     )
     run.folder.write_json(EMULATOR_FILE, _content(learnt))
@@ -105,6 +111,7 @@ def _read_learnt(run: Run, problem: Problem, telemetry: xarray.Dataset) -> Emula
     return Emulation(
         problem=in_place(problem, windows),
         searched=through_the_priors(problem, runs),
+        start=start_runs(problem, runs),
         theta=np.array(content["theta"]),
         reached=content["reached"],
         verdict=content["rounds"][-1]["verdict"],
@@ -230,6 +237,13 @@ def _runs_so_far(run: Run, files: list[str], problem: Problem) -> Runs:
     empty, folder = [empty_runs(window) for window in problem.windows], run.folder
     pairs = zip(files, empty, strict=True)
     return tuple(read_runs(folder.file(file), own) if folder.keeps(file) else own for file, own in pairs)
+
+
+def _beliefs_so_far(run: Run) -> list[Belief]:
+    if not run.folder.keeps(_ROUNDS_FILE):
+        return []
+    kept = read_json(run.folder.file(_ROUNDS_FILE))
+    return [Belief(**{**own, "z": np.array(own["z"])}) for own in kept]
 
 
 def _content(learnt: Learnt) -> dict[str, Any]:
