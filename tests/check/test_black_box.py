@@ -12,6 +12,7 @@ from flightcal.check import PriorRuns, suspects
 from flightcal.check.black_box import _by_chance, ensemble_of
 from flightcal.check.findings import suspected
 from flightcal.check.wrongs import clocks_as_read
+from flightcal.check.wrongs.clocks import channel_clocks
 from flightcal.problem import build_problem
 from flightcal.scenario import Uniform, load_scenario
 from flightcal.telemetry import read
@@ -100,6 +101,14 @@ def test_a_clock_is_named_beside_a_program(program):
     first = named(scenario, spoilt(data, **late)).found[0]
     assert (first.kind, first.about) == ("clock", "time")
     assert float(first.title.split(" is ")[1].split(" min late")[0]) == pytest.approx(8.0, abs=1.0)
+
+
+def test_a_time_offset_is_advised_only_where_one_can_be_written(program, scene):
+    for (scenario, data), advised in ((program, False), (scene, True)):
+        ensemble = ensemble_at(build_problem(scenario, data), data)
+        advice = [own.words.advice for own in channel_clocks(ensemble)]
+        assert advice
+        assert all(("time_offset" in own) == advised for own in advice)
 
 
 def test_what_a_clock_gains_by_chance_where_a_thermostat_is_out_of_step_is_no_clock(scene, run_only):

@@ -254,6 +254,14 @@ def test_a_wrong_that_leaves_most_of_a_misfit_is_not_named_however_many_nats_it_
     assert [own.kind for own in ranked([better("bias", fit(1.1, 50.0), 250.0)], crude)] == ["bias"]
 
 
+def test_beside_a_simulator_that_is_only_run_a_wrong_that_leaves_it_far_off_is_not_named():
+    other = better("clock", fit(4.9, 1100.0, size=1.0), 1800.0)
+    assert ranked([other], fit(11.6, 2900.0), 0.5, 8.0, 2.0) == []
+    (told,) = unexplained(fit(11.6, 2900.0), None, [other], run_only=True)
+    assert "heat" not in told.sentence
+    assert told.sentence.endswith("3.4 times what is usual. A part of it, at most: clock is wrong.")
+
+
 def test_a_wrong_that_leaves_what_is_usual_is_named_though_it_leaves_much_of_little():
     assert [own.kind for own in ranked([better("bias", fit(0.4, 30.0, size=2.0))], fit(0.5, 48.0))] == ["bias"]
     assert ranked([better("bias", fit(0.4, 30.0, size=4.0))], fit(0.5, 48.0)) == []

@@ -305,7 +305,9 @@ def told_by_status(ensemble: Ensemble, clear: float) -> Iterator[tuple[str, str,
                 Words(
                     f"{heater} is {never} on in the simulator",
                     f"{often}; in none of {len(of_draws)} simulations at draws of the prior it switches.",
-                    f"Check {heater} in the simulator's own files: whether it is there, its thresholds, its sensor",
+                    f"Check {heater} in the simulator's own files: whether it is there, its thresholds, its sensor; "
+                    f"and what else {'keeps its node warm' if never == 'never' else 'cools its node'} there: priors, "
+                    "powers, sunlight",
                 ),
             )
             continue

@@ -117,7 +117,10 @@ def suspected(suspects: Suspects) -> list[Finding]:
     if suspects.looked and not found:
         text = "Clocks, units, biases, swapped channels, status, heaters, modes, drivers and the orbit were tried."
         if suspects.why_not:
-            text = "Clocks, units, biases, swapped channels, status and priors were tried."
+            text = (
+                "Clocks, units, biases, swapped channels, status and priors were tried. What parameters or initial "
+                "temperatures can make up for is not told from them."
+            )
         found.append(Finding("good", "No simple wrong explains the telemetry better than the scenario", text))
     if suspects.why_not:
         text = (

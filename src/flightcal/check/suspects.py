@@ -68,6 +68,8 @@ _FAR = 5.0
 of them, one is there about as seldom as `_CLEAR` says."""
 _LEFT_BY_RUNS, _FAR_BY_RUNS = 0.5, 8.0
 """The same two beside a simulator that is only run: where a wrong is put right, how it begins is linear there."""
+_HELPS = 30.0
+"""Nats from which what does not explain the telemetry there is worth a word."""
 _SHOWN, _NEAR = 3, 0.2
 """So many are named at most, and only if the best is not better by `_CLEAR` and by so much of what it explains."""
 _FIRST_SIZES = (1.0, 3.0)
@@ -239,9 +241,13 @@ def _beside_runs(ensemble: Ensemble, found: list[Suspicion]) -> Suspects:
     found = [*found, *(Suspicion(kind, about, *astuple(words)) for kind, about, words in told)]
     nothing, better = compared(ensemble, _CLEAR)
     helps = [(fit, _suspicion(wrong, fit, nats)) for fit, wrong, nats in better]
-    named = ranked(helps, nothing, _LEFT_BY_RUNS, _FAR_BY_RUNS)
+    named = ranked(helps, nothing, _LEFT_BY_RUNS, _FAR_BY_RUNS, _BAD)
     if not named and not nothing.is_usual:
-        named = unexplained(nothing, None, helps)
+        named = unexplained(nothing, None, helps, run_only=True)
+    if not named and helps and (helps[0][1].nats or 0.0) > _HELPS:
+        sentence = f"What helps most explains a part of it: {helps[0][1].title}."
+        advice = "Check that first; then what the simulator has otherwise"
+        named = [Suspicion(UNEXPLAINED, "", "No simple wrong explains the telemetry", sentence, advice, 0.0)]
     return Suspects((*found, *named), True, _RUN_ONLY)
 
 
@@ -397,22 +403,31 @@ def _sized(wrong: Wrong) -> bool:
     return wrong.kind in _BY_SIZE and wrong.closer is not None
 
 
-def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit, left: float = _LEFT, far: float = _FAR) -> list[Suspicion]:
+def ranked(
+    best: list[tuple[Fit, Suspicion]], nothing: Fit, left: float = _LEFT, far: float = _FAR, bad: float = np.inf
+) -> list[Suspicion]:
     """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, and nothing far off."""
-    explains = [own for own in best if own[0].is_usual or own[0].lacking < left * nothing.lacking]
+    explains = [
+        own for own in best if own[0].is_usual or (own[0].lacking < left * nothing.lacking and own[0].misfit < bad)
+    ]
     named = [own for fit, own in explains if fit.farthest < far]
     most = max((own.nats or 0.0 for own in named), default=0.0)
     return [own for own in named[:_SHOWN] if most - (own.nats or 0.0) < max(_CLEAR, _NEAR * most)]
 
 
-def unexplained(nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspicion]]) -> list[Suspicion]:
+def unexplained(
+    nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspicion]], *, run_only: bool = False
+) -> list[Suspicion]:
     """That no simple wrong brings the model to the telemetry, where it is far off; else it may be only too simple."""
     if nothing.misfit <= (_BAD if helps else _WORSE):
         return []
+    lacked = "what a simulator may lack" if run_only else "unmodelled heat of some percent"
     sentence = (
-        "Neither parameters nor unmodelled heat of some percent nor any one simple wrong do: its deviations are "
-        f"{np.sqrt(nothing.misfit):.1f} times what is usual, beside heat of {0.05 * nothing.size:.0%} of what flows."
+        f"Neither parameters nor {lacked} nor any one simple wrong do: its deviations are "
+        f"{np.sqrt(nothing.misfit):.1f} times what is usual."
     )
+    if not run_only:
+        sentence = f"{sentence[:-1]}, beside heat of {0.05 * nothing.size:.0%} of what flows."
     if where:
         sentence += f" {where.words}"
     if helps:

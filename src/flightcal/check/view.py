@@ -150,6 +150,10 @@ class Comparison:
         """Temperature channels [N]."""
         return self.window.simulator.channels
 
+    def are_nodes(self, channels: Iterable[str]) -> bool:
+        """Whether channels read nodes, so that a gain or a time offset can be written: an output has none."""
+        return all(self.window.scenario.observations[name].node is not None for name in channels)
+
     @cached_property
     def observed(self) -> FloatArray:
         """[t, N] K; NaN where there is nothing."""

@@ -66,10 +66,13 @@ def gains(view: Comparison) -> Iterator[Wrong]:
 
         def words(fit: Fit, channel: str = channel) -> Words:
             gain = 1.0 + _GAIN * float(fit.added[0])
+            write = (
+                f"; or write 'observations: {{{channel}: {{gain: {gain:.3f}}}}}'" if view.are_nodes([channel]) else ""
+            )
             return Words(
                 f"{channel} reads {number(gain, 3)} times what it should, in degC",
                 f"Divided by {number(gain, 3)}, {channel} alone, all channels agree with the model.",
-                f"Check the sensor's calibration curve; or write 'observations: {{{channel}: {{gain: {gain:.3f}}}}}'",
+                f"Check the sensor's calibration curve{write}",
             )
 
         yield Wrong(
@@ -201,8 +204,9 @@ def unrelated(view: Comparison) -> Iterator[Wrong]:
         words = Words(
             f"{channel} does not belong to its node",
             f"{channel} goes its own way, and all other channels agree with the model without it: it may be of another "
-            "place, another satellite, or a broken sensor.",
-            f"Check which sensor {channel} is; leave it out of 'observations' to calibrate without it",
+            "place, another satellite, or a broken sensor; or numbers of its node are far off.",
+            f"Check which sensor {channel} is, and the numbers of its node; leave it out of 'observations' to "
+            "calibrate without it",
         )
         for level, walk in _STRANGE:
             covariance = level**2 + walk**2 * np.exp(-apart / _STRANGE_TIME) + 1e-6 * np.eye(len(apart))

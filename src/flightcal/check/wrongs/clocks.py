@@ -56,10 +56,11 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS, apart: fl
     for late in map(float, seconds):
         if abs(late) < least:
             continue
+        hour = _an_hour(late, view.window.period)
         words = Words(
             f"The telemetry's clock is {off(late)}",
             f"Moved {minutes(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
-            f"modes; whole orbits more or less may be as good{_an_hour(late, view.window.period)}.",
+            f"modes; whole orbits more or less may be as good{f', such as {hour}' if hour else ''}.",
             f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
         )
         less = late - round(late / view.window.period) * view.window.period
@@ -72,7 +73,7 @@ def _an_hour(late: float, period: float) -> str:
     """In words, the whole hours that time tags are off by if they are off by an orbit more or less."""
     hours = (round(own / 3600.0) for own in (late - period, late + period) if abs(own / 3600.0 % 1.0 - 0.5) > _NEAR)
     whole = next((own for own in hours if own), None)
-    return "" if whole is None else f", such as {abs(whole)} h {'late' if whole > 0 else 'early'}"
+    return "" if whole is None else f"{abs(whole)} h {'late' if whole > 0 else 'early'}"
 
 
 def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterator[Wrong]:
@@ -162,10 +163,11 @@ def channel_clocks(
             observed = _moved(view, moved, places) if abs(late) >= least else None
             if observed is None:
                 continue
+            write = f"; or write 'time_offset: {-late:.0f} s' in 'observations' there" if view.are_nodes(own) else ""
             words = Words(
                 f"{listed(own)} {'is' if len(own) == 1 else 'are'} {off(late)}",
                 f"Moved by {minutes(late)}, {listed(own)} alone, all channels agree with the model.",
-                f"Check the time tags of {listed(own)}; or write 'time_offset: {-late:.0f} s' in 'observations' there",
+                f"Check the time tags of {listed(own)}{write}",
             )
             near = partial(_channels_like, view, own, late, apart)
             tries = len(_FEW_SHIFTS) * comb(len(known), len(own))
@@ -204,10 +206,11 @@ def clocks_as_read(
         observed = _moved(view, view.readings(late), range(len(view.channels)))
         if observed is None or np.isfinite(observed).sum() < _LEFT * np.isfinite(view.observed).sum():
             continue
+        hour = _an_hour(late, period)
         words = Words(
-            f"The telemetry's clock is {off(late)}",
+            f"The telemetry's clock is {off(late)}{f', or {hour}' if hour else ''}",
             f"Moved {minutes(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with the simulator; whole "
-            f"orbits more or less may be as good{_an_hour(late, period)}.",
+            "orbits more or less may be as good.",
             "Check the time column, its zone and leap seconds, and when the simulator begins; shift it by "
             f"{-late:+.0f} s",
         )
