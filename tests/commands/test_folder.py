@@ -1,4 +1,6 @@
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ from flightcal.commands.folder import heat_shares, open_for, parameter_records
 from flightcal.errors import RunError
 from flightcal.problem import build_problem
 from flightcal.progress import Silent
+from flightcal.scenario import load_scenario
+from flightcal.telemetry import read
 from tests import small
 
 
@@ -112,3 +116,19 @@ def test_changes_of_mode_after_the_windows_to_train_on_are_nothing_to_a_run(tmp_
         opened(before, ("2024-03-01T01:00:00", "busy"))
     with pytest.raises(RunError, match="what differs: the telemetry of the windows to train on"):
         opened(before, leave_out=[{"start": "2024-03-01T01:00:00", "end": "2024-03-01T01:10:00"}])
+
+
+def test_a_file_of_the_simulators_that_has_changed_is_named(tmp_path):
+    example = Path(__file__).parents[2] / "examples" / "executable"
+    shutil.copytree(example, tmp_path / "own")
+    scenario = load_scenario(tmp_path / "own" / "scenario.yaml")
+    data = read(scenario)
+    with open_for(scenario, tmp_path / "run", Silent(), data):
+        pass
+    template = tmp_path / "own" / "input.json.jinja"
+    template.write_text(template.read_text() + "\n", encoding="utf-8")
+    with (
+        pytest.raises(RunError, match=rf"\(what differs: the other input files: {template.name}\)"),
+        open_for(scenario, tmp_path / "run", Silent(), data),
+    ):
+        pass

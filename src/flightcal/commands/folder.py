@@ -17,7 +17,7 @@ import xarray
 
 from ..problem import SLOW, Problem
 from ..progress import Progress
-from ..run import Run, Stage, hash_of, hash_of_file, open_run, plain
+from ..run import INPUT_FILES, Run, Stage, hash_of, hash_of_file, open_run, plain
 from ..scenario import Scenario, default_noise, heat_of, input_files, is_trained, resolved_yaml, time_error_of
 from ..telemetry import bridged, quality_table, window_bounds
 
@@ -49,12 +49,12 @@ def open_for(
     windows = {name: window for name, window in content.pop("windows").items() if is_trained(name)}
     parts = {"the windows to train on": hash_of(windows), **more}
     if trained is None:
-        parts["the telemetry and other input files"] = hash_of(sorted(inputs.values()))
+        parts[f"the telemetry and other {INPUT_FILES}"] = hash_of(sorted(inputs.values()))
     else:
         _cut_after(content, _last_of(scenario, trained))
         read = {str(scenario.folder / name) for name in scenario.telemetry.files}
         parts["the telemetry of the windows to train on"] = _hash_of_windows(scenario, trained)
-        parts["the other input files"] = hash_of(sorted(own for name, own in inputs.items() if name not in read))
+        parts[f"the other {INPUT_FILES}"] = hash_of(sorted(own for name, own in inputs.items() if name not in read))
     parts["the scenario"] = hash_of(content)
     text = resolved_yaml(scenario, absolute=True)
     with open_run(out, parts, text, inputs, scenario.calibration.seed, progress) as folder:

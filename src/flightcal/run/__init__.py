@@ -4,7 +4,17 @@ Imports: errors, progress.
 """
 
 from .files import locked, sweep, write_bytes
-from .folder import REDUCED, RunDirectory, check_whole, hash_of, hash_of_file, hold, open_run, read_provenance
+from .folder import (
+    INPUT_FILES,
+    REDUCED,
+    RunDirectory,
+    check_whole,
+    hash_of,
+    hash_of_file,
+    hold,
+    open_run,
+    read_provenance,
+)
 from .labels import labelled
 from .records import (
     plain,

@@ -32,6 +32,8 @@ from .records import json_bytes, netcdf_bytes, read_dataset, read_tree, write_js
 DIGESTS: Final = "digests.json"
 REDUCED: Final = "reduced"
 """Folder of a reduced model, in that of a run: it is made before the run."""
+INPUT_FILES: Final = "input files"
+"""How the name of a part ends that is the hash of files: a message names those that differ."""
 _LOCK, _LOG, _PROVENANCE = "run.lock", "log.jsonl", "provenance.json"
 _PACKAGES = ("flightcal", "numba", "numpy", "nutpie", "scipy", "xarray", "pyerfa", "sgp4")
 
@@ -127,8 +129,8 @@ def open_run(
 ) -> Iterator[RunDirectory]:
     """Create the folder, or reopen it when it belongs to the same scenario and inputs, and hold it during the block.
 
-    parts: hashes of all that the folder is bound to, by names that a message can say. What a killed process was
-    writing is deleted, and so are files that are not as they were written, which is said.
+    parts: hashes of all that the folder is bound to, by names that a message can say; inputs: of each file. What a
+    killed process was writing is deleted, and so are files that are not as they were written, which is said.
     Raises RunError for a folder that holds another scenario's run, that of an earlier flightcal, or no run at all, and
     where another process holds it.
     """
@@ -139,7 +141,7 @@ def open_run(
         _tidy(path, progress)
         run = RunDirectory(path, identity)
         provenance = read_provenance(path)
-        _check_parts(path, provenance, parts)
+        _check_parts(path, provenance, parts, inputs)
         # First: without it the folder is nobody's, and no file in it may be replaced.
         run.write_json(
             _PROVENANCE,
@@ -184,7 +186,9 @@ def _check_place(path: Path) -> None:
         raise RunError(f"{path}: the folder holds files but no run; expected an empty or new folder")
 
 
-def _check_parts(path: Path, provenance: Mapping[str, Any], parts: Mapping[str, str]) -> None:
+def _check_parts(
+    path: Path, provenance: Mapping[str, Any], parts: Mapping[str, str], inputs: Mapping[str, str]
+) -> None:
     found = provenance.get("parts", {})
     if provenance and not found:
         raise RunError(
@@ -193,6 +197,9 @@ def _check_parts(path: Path, provenance: Mapping[str, Any], parts: Mapping[str, 
         )
     if provenance and found != parts:
         names = [name for name in {**found, **parts} if found.get(name) != parts.get(name)]
+        before, now = ({Path(file).name: own for file, own in of.items()} for of in (provenance["inputs"], inputs))
+        changed = sorted(file for file in {**before, **now} if before.get(file) != now.get(file))
+        names = [f"{name}: {', '.join(changed)}" if name.endswith(INPUT_FILES) and changed else name for name in names]
         raise RunError(
             f"{path}: the folder holds the run of another scenario, of other telemetry or of another command "
             f"(what differs: {', '.join(names)}); choose another --out, or delete the folder"
