@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .compare import Comparison as ModelComparison
     from .validate import Validation
 
+_METRICS = {"rmse": "RMSE, K", "mape_kelvin": "MAPE, % of K", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K"}
 _WORST = 3
 """Nodes whose unmodelled heat is told."""
 _WORTH_SAYING = 0.05
@@ -125,11 +126,12 @@ def print_verdict(verdict: Mapping[str, Any], run: Path, console: Console) -> No
 def _print_scores(metrics: Sequence[Metric], console: Console) -> None:
     """Of all channels: mean (as published) and best of the genetic algorithm's runs beside the stochastic update."""
     title = "Over all channels, with ratios to the genetic algorithm (GA)"
-    numbers = ("GA mean", "GA best", "stochastic", "to mean", "to best", "paper")
+    numbers = ("GA mean", "GA best", "stochastic", "to mean", "to best")
     table = table_of(title, ("window", "metric"), numbers, overflow="fold")
     for row in comparison_table([metric for metric in metrics if metric.channel == "all"]):
-        values = (row.genetic, row.genetic_best, row.stochastic, row.ratio, row.ratio_best, row.published)
-        table.add_row(row.window, row.metric, *map(_number, values))
+        values = (row.genetic, row.genetic_best, row.stochastic, row.ratio, row.ratio_best)
+        if any(value is not None for value in values):
+            table.add_row(row.window, _METRICS[row.metric], *map(_number, values))
     console.print(table)
 
 
