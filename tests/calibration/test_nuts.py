@@ -43,6 +43,22 @@ def check_moments(z, mean, variance):
     assert (abs(flat_square.mean(0) - variance) < 4 * flat_square.std(0) / np.sqrt(ess_of_square)).all()
 
 
+@pytest.mark.parametrize("in_turn", [False, True])
+def test_a_density_in_turn_is_evaluated_for_one_chain_at_a_time_and_draws_the_same(in_turn):
+    inside, most = [], []
+
+    def density(z):
+        inside.append(z)
+        time.sleep(1e-4)
+        most.append(len(inside))
+        inside.pop()
+        return standard_normal(z)
+
+    drawn = sample(density, identity(2), short(draws=50), 3, in_turn=in_turn)
+    assert max(most) == (1 if in_turn else 2)
+    np.testing.assert_array_equal(drawn.z, sample(standard_normal, identity(2), short(draws=50), 3).z)
+
+
 @pytest.fixture(scope="module")
 def gaussian():
     """A correlated Gaussian in 20 dimensions, standard deviations over three decades, and its draws."""

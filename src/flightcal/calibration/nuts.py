@@ -20,7 +20,7 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -117,12 +117,15 @@ def sample(
     seed: int,
     *,
     native: Callable[[Whitening], NativeDensity | None] = lambda _: None,
+    in_turn: bool = False,
     progress: Progress = SILENT,
     depth: int = MAXIMUM_DEPTH,
 ) -> Draws:
     """Draw from a density with `settings.chains` chains at the same time.
 
     native: the same density in whitened coordinates as a C function, one for each chain; None: there is none.
+    in_turn: the Python density is of many short calls, so it is evaluated for one chain at a time: chains that ask
+    each other for the interpreter at each of them take ten times as long.
     progress: told the draws of all chains about five times a second, in the calling thread.
     depth: of a draw's tree at most.
 
@@ -131,7 +134,8 @@ def sample(
     """
     starts = overdispersed_starts(log_density, whitening, settings.chains, seed)
     seeds = np.random.SeedSequence(seed, spawn_key=(1,)).generate_state(settings.chains, np.uint64)
-    densities = [native(whitening) or _Density(log_density, whitening) for _ in seeds]
+    turn = threading.Lock() if in_turn else nullcontext()
+    densities = [native(whitening) or _Density(log_density, whitening, turn) for _ in seeds]
     samplers: list[Any] = []
     traces: dict[int, Any] = {}
     total = settings.chains * (settings.warmup + settings.draws)
@@ -175,7 +179,10 @@ def sample_problem(
 ) -> Draws:
     """`sample` of a problem, compiled where it can be; of a size of heat no z is below zero."""
     density, native = problem.log_density_and_gradient, problem.native_density
-    draws = sample(density, coordinates, settings, seed, native=native, progress=progress, depth=depth)
+    emulated = all(window.simulator.error_basis is not None for window in problem.windows)
+    draws = sample(
+        density, coordinates, settings, seed, native=native, in_turn=emulated, progress=progress, depth=depth
+    )
     return replace(draws, z=problem.priors.unsigned(draws.z))
 
 
@@ -185,7 +192,11 @@ class _Density:
     The log determinant of the factor is left out, so it is the log density of z.
     """
 
-    def __init__(self, log_density: LogDensity, whitening: Whitening) -> None:
+    def __init__(
+        self, log_density: LogDensity, whitening: Whitening, turn: AbstractContextManager[Any] | None = None
+    ) -> None:
+        """turn: to be held while the density is evaluated; None: it may be at any time."""
+        self._turn = nullcontext() if turn is None else turn
         self._log_density = log_density
         self._whitening = whitening
         self._stopped = False
@@ -197,10 +208,11 @@ class _Density:
             return STOPPED, np.ones_like(w)
         self.gradients += 1
         try:
-            z = self._whitening.to_z(w)
-            value, gradient = self._log_density(z)
-            gradient = self._whitening.pull_back(z, np.asarray(gradient, float))
-            value = float(value)
+            with self._turn:
+                z = self._whitening.to_z(w)
+                value, gradient = self._log_density(z)
+                gradient = self._whitening.pull_back(z, np.asarray(gradient, float))
+                value = float(value)
         # Whatever goes wrong in a simulation at one point of the parameter space must not end the other chains.
         except Exception as error:
             return self._failed(w, f"{type(error).__name__}: {error}")

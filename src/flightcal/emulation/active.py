@@ -40,9 +40,9 @@ Runs = tuple[TrainingRuns, ...]
 """Of each window; the k-th of all are at the same theta of the calibration."""
 
 _NUTS = NutsSettings(chains=4, draws=400, warmup=200)
-"""Of a round that sees all of the windows: enough for means within 0.05 standard deviations."""
+"""Of a round that may be the last: enough for means within 0.05 standard deviations."""
 _COARSE = NutsSettings(chains=4, draws=100, warmup=150)
-"""Of a round that sees their beginnings: enough to choose the next runs by."""
+"""Of any other round: enough to choose the next runs by."""
 _PRIOR_SHARE = 0.998
 """Of each prior, through which the start design goes."""
 _LEAST_NOISE = 1e-3  # K
@@ -193,12 +193,13 @@ def learn(
         fits = _fit(problem, runs, belief, beginning if batch > 0 else None)
         emulated = replace(problem, windows=tuple(fit.window for fit in fits), open_loop=None)
         samples = sum(len(fit.window.times) for fit in fits)
-        before, kept = belief, beliefs[len(rounds)] if len(rounds) < len(beliefs) else None
-        if kept is not None and (kept.runs, kept.samples) == (asked, samples):
-            belief = kept
+        before, kept = belief, _kept(beliefs, len(rounds), asked, samples)
+        if kept is None:
+            is_compared = before is not None and before.samples == samples == whole
+            nuts, at_random = _NUTS if is_compared else _COARSE, np.random.default_rng([seed, len(rounds)])
+            belief = _posterior(emulated, runs, before, nuts, at_random, progress)
         else:
-            nuts = _NUTS if samples == whole else _COARSE
-            belief = _posterior(emulated, runs, belief, nuts, np.random.default_rng([seed, len(rounds)]), progress)
+            belief = kept
         found.append(belief)
         save_beliefs(found)
         share, shift = influence(emulated, belief.z, rng)
@@ -228,8 +229,8 @@ def learn(
             )
         )  # fmt: skip
         progress.at(asked)
-        left = "" if reached else _time_left(_batches(settings.runs - asked, usual), perf_counter() - started)
-        progress.say(f"{rounds[-1]}{left}")
+        left = 0 if reached or kept is not None else _batches(settings.runs - asked, usual)
+        progress.say(f"{rounds[-1]}{_time_left(left, perf_counter() - started)}")
         if reached or batch <= 0:
             texts = {title(problem, window): failure_summary(own) for window, own in zip(windows, runs, strict=True)}
             failures = "; ".join(f"{start}{text}" for start, text in texts.items() if text)
@@ -238,6 +239,12 @@ def learn(
         runs = campaign.complete(runs, problem.to_theta(most_telling(emulated, belief.z, batch, rng)), number)
         new = [own.take((own.round == number) & own.finished) for own in runs]
         validation = _validation(problem, fits, new) if all(len(own) for own in new) else None
+
+
+def _kept(beliefs: Sequence[Belief], number: int, runs: int, samples: int) -> Belief | None:
+    """What an earlier call sampled in a round, from the same runs and samples."""
+    own = beliefs[number] if number < len(beliefs) else None
+    return own if own is not None and (own.runs, own.samples) == (runs, samples) else None
 
 
 def _batches(runs: int, batch: int) -> int:
@@ -428,7 +435,8 @@ def _posterior(
             raise FlightcalError(f"emulator: {failure}") from None
         # The mode is at the edge of where there are runs.
         coordinates = whitening(before.mean, np.asarray(np.linalg.inv(np.cov(before.z.T)), float))
-    draws = sample(problem.log_density_and_gradient, coordinates, nuts, int(rng.integers(2**32)), progress=progress)
+    seed = int(rng.integers(2**32))
+    draws = sample(problem.log_density_and_gradient, coordinates, nuts, seed, in_turn=True, progress=progress)
     if draws.interrupted:
         raise KeyboardInterrupt
     samples = sum(len(window.times) for window in problem.windows)
