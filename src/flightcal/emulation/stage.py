@@ -64,6 +64,8 @@ class Emulation:
     """Whether the emulator's error no longer matters."""
     verdict: str
     """Of the last round."""
+    followed: int
+    """Samples of the windows, from their beginnings, that an emulator followed before the last round's runs."""
 
 
 def emulator_stage(problem: Problem) -> Stage[Emulation]:
@@ -115,6 +117,7 @@ def _read_learnt(run: Run, problem: Problem, telemetry: xarray.Dataset) -> Emula
         theta=np.array(content["theta"]),
         reached=content["reached"],
         verdict=content["rounds"][-1]["verdict"],
+        followed=content["rounds"][-2:][0]["samples"],
     )
 
 
@@ -148,13 +151,21 @@ def check_emulator(
     failed = sum(int((~own.finished).sum()) for own in runs)
     found = {"failed": failed, "density_error": check.density_error, "steps": check.steps}
     run.folder.write_json(CHECK_FILE, plain(check.validation) | plain(found))
+    runs_allowed = f"calibration.emulator.runs, now {problem.scenario.calibration.emulator.runs}"
+    whole = sum(len(window.times) for window in problem.windows)
+    advice = f"Allow more runs ({runs_allowed}): the posterior is as wide as it is partly for want of them."
+    if emulation.followed < whole:
+        advice = (
+            f"Train on a shorter window, narrow the priors, or allow more runs ({runs_allowed}): the emulator followed "
+            f"the simulator over the first {emulation.followed} of {whole} samples, as where a thermostat gets out of "
+            "step."
+        )
     rule = gate(
         EMULATOR_ERROR,
         emulation.reached,
         "no longer matters" if emulation.reached else emulation.verdict,
         "no longer matters",
-        f"Allow more runs (calibration.emulator.runs, now {problem.scenario.calibration.emulator.runs}): the posterior "
-        "is as wide as it is partly for want of them.",
+        advice,
     )
     for judged in (rule, _held_out(check.validation), _density(check), *_in_step(check)):
         diagnostics = with_gate(diagnostics, judged)
