@@ -100,6 +100,19 @@ def test_a_channel_that_does_not_hold_is_left_out_of_the_use(run):
     )
 
 
+def test_a_channel_that_may_not_hold_is_told_beside_one_that_does_not(run):
+    """In another window: one more to test on makes nothing look better."""
+    from .cases import errors_as_long_as_the_window  # which takes `fitted` from here
+
+    doubtful, wrong = errors_as_long_as_the_window(run), fitted(run, shifted=[0])
+    windows = {**doubtful.windows, "later": wrong.windows["test"]}
+    answer = verdict_of(dataclasses.replace(doubtful, windows=windows)).answers[2]
+    assert answer.worst.title.startswith("Intervals do not hold in 1 of 3 channels, worst panel_temperature in “later”")
+    assert "; battery_temperature may not either (only 5" in answer.worst.title
+    assert answer.state == "bad"
+    assert len(answer.worst.not_for) == 2
+
+
 def test_what_was_suspected_before_the_sampling_is_the_reason(run):
     clock = {"title": "the clock is 240 s late", "sentence": "Telemetry fits better so.", "advice": "Shift it"}
     judged = verdict_of(dataclasses.replace(fitted(run), suspects=[clock]))

@@ -83,8 +83,13 @@ def holding(run: RunFiles) -> Finding:
     if len(channels) == 1:
         title = f"Intervals do not hold: {worst[1]}"
     title += _outside(windows[worst[0]])
-    state: State = "bad" if 2 * len(failed) >= len(channels) else "warn"
-    not_for = tuple(map(temperatures_of, [*failed, *few]))
+    doubtful = {channel: own for channel, own in few.items() if channel not in failed}
+    if doubtful:
+        channel, (share, name) = min(doubtful.items(), key=lambda own: own[1])
+        others = f" and {len(doubtful) - 1} more" if len(doubtful) > 1 else ""
+        title += f"; {channel}{others} may not either (only {percent(share)} in “{name}”)"
+    state: State = "bad" if 2 * (len(failed) + len(doubtful)) >= len(channels) else "warn"
+    not_for = tuple(map(temperatures_of, [*failed, *doubtful]))
     return Finding(state, title, text, tuple(details), not_for, CHECK)
 
 
