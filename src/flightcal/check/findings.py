@@ -178,8 +178,9 @@ def _reach(checked: Checked) -> list[Finding]:
             )
         )  # fmt: skip
     if predictive.pressed:
+        best = "is best at" if checked.centre.is_mode else "goes, as far as the best fit was sought, to"
         text = "Data and prior disagree, or the parameter makes up for something that the model lacks. " + " ".join(
-            f"{p.name} is best at {checked.value(p.name, p.theta)}, {_tail(p.probability)} of its prior."
+            f"{p.name} {best} {checked.value(p.name, p.theta)}, {_tail(p.probability)} of its prior."
             for p in predictive.pressed
         )
         title = f"The telemetry pulls {listed([p.name for p in predictive.pressed])} to the edge of the prior"
