@@ -45,6 +45,7 @@ def written(simulator, **changes):
             "battery_temp": {"output": "battery", "noise": "0.1 K"},
             "radiator_temp": {"output": "radiator", "noise": "0.1 K"},
         },
+        "heat": "none",
         "windows": {"train": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T00:31:00"}},
     }
     scenario = copy.deepcopy(scenario)

@@ -1,18 +1,24 @@
+import shutil
 from pathlib import Path
 
 import pytest
 
 from flightcal.errors import ScenarioError
 from flightcal.scenario import (
+    Discrepancy,
+    Environment,
     HalfNormal,
     Heat,
     HeatPattern,
     HeatSlow,
     LogNormal,
+    PhaseDiscrepancy,
     SimulatorError,
+    discrepancy_of,
     heat_of,
     load_scenario,
     noise_of,
+    resolved_yaml,
 )
 from flightcal.scenario.heat import HeatGains
 
@@ -88,6 +94,37 @@ def test_a_scenario_with_what_heat_cannot_stand_beside_has_none(tmp_path, path, 
 
 def test_an_external_simulator_has_no_heat():
     assert heat_of(load_scenario(EXTERNAL, telemetry=EXTERNAL.parent / "scenarios")) is None
+
+
+EVERY = Discrepancy(phase=PhaseDiscrepancy())
+
+
+@pytest.mark.parametrize(
+    ("written", "discrepancy", "noise"),
+    [
+        ("", EVERY, "ar1"),
+        ("heat: none", None, "iid"),
+        ("discrepancy: none", None, "ar1"),
+        ("noise: {standard_deviation: 0.2 K}", EVERY, "iid"),
+        ("heat: none\ndiscrepancy: {phase: {}}", EVERY, "iid"),
+    ],
+)
+def test_beside_an_external_simulator_a_discrepancy_stands_for_heat(tmp_path, written, discrepancy, noise):
+    """Which says the same where it is read again with all defaults written out."""
+    shutil.copytree(EXTERNAL.parent / "scenarios", tmp_path / "scenarios")
+    telemetry, file = tmp_path / "scenarios", tmp_path / "scenario.yaml"
+    file.write_text(f"{EXTERNAL.read_text(encoding='utf-8')}{written}\n", encoding="utf-8")
+    scenario = load_scenario(file, telemetry=telemetry)
+    file.write_text(resolved_yaml(scenario), encoding="utf-8")
+    for own in (scenario, load_scenario(file)):
+        assert discrepancy_of(own) == discrepancy
+        assert noise_of(own, "battery_temp").model == noise
+
+
+def test_where_the_length_of_an_orbit_is_not_known_no_discrepancy_comes_again_in_it():
+    scenario = load_scenario(EXTERNAL, telemetry=EXTERNAL.parent / "scenarios")
+
+    assert discrepancy_of(scenario.model_copy(update={"environment": Environment()})) is None
 
 
 def test_a_reduced_order_model_has_heat_beside_its_error(tmp_path):

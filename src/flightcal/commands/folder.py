@@ -18,7 +18,16 @@ import xarray
 from ..problem import SLOW, Problem
 from ..progress import Progress
 from ..run import INPUT_FILES, Run, Stage, hash_of, hash_of_file, open_run, plain
-from ..scenario import Scenario, default_noise, heat_of, input_files, is_trained, resolved_yaml, time_error_of
+from ..scenario import (
+    Scenario,
+    default_noise,
+    discrepancy_of,
+    heat_of,
+    input_files,
+    is_trained,
+    resolved_yaml,
+    time_error_of,
+)
 from ..telemetry import bridged, quality_table, window_bounds
 
 K = TypeVar("K")
@@ -67,6 +76,7 @@ def _bound(scenario: Scenario) -> dict[str, Any]:
     meant = {
         "heat": heat_of(scenario) or "none",
         "noise": default_noise(scenario),
+        "discrepancy": discrepancy_of(scenario),
         "time_error": time_error_of(scenario) or "none",
     }
     content: dict[str, Any] = scenario.model_copy(update=meant).model_dump(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..environment import orbit_phase
-from ..scenario import Discrepancy, Prior, Scenario, noise_of
+from ..scenario import Discrepancy, Prior, Scenario, discrepancy_of, noise_of
 from ..simulator import FloatArray
 from .discrepancy import MaternPrior, frequencies, in_phase
 from .likelihood import SHAPE_NUMBERS, Likelihood, Residuals
@@ -186,8 +186,8 @@ def residual_model(
                 put(".".join(("noise", channel, *own)), value, k, column, size)
 
     shapes = no_shapes(len(seconds), len(channels))
-    if scenario.discrepancy is not None:
-        shapes, phase = _discrepancy(scenario, scenario.discrepancy, channels, times), scenario.discrepancy.phase
+    if (discrepancy := discrepancy_of(scenario)) is not None:
+        shapes, phase = _discrepancy(scenario, discrepancy, channels, times), discrepancy.phase
         for column, key, size in ((AMPLITUDE, "amplitude", "discrepancy"), (LENGTH, "lengthscale", "")):
             for k in np.flatnonzero(shapes.channels).tolist():
                 own = () if key in phase.shared else (channels[k],)

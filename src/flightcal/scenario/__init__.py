@@ -18,6 +18,7 @@ from .defaults import (
     NOISE_BESIDE_HEAT,
     can_have_heat,
     default_noise,
+    discrepancy_of,
     heat_of,
     noise_of,
     not_normal,

@@ -94,7 +94,7 @@ def blocks_of(scenario: Scenario) -> Blocks:
         reduced=model.reduced_numbers if model.reduced_model is not None else None,
         full_nodes=model.full_nodes,
         noise=scenario.noise,
-        discrepancy=scenario.discrepancy,
+        discrepancy=scenario.discrepancy if isinstance(scenario.discrepancy, Discrepancy) else None,
         heat=scenario.heat if isinstance(scenario.heat, Heat) else None,
         has_errors=bool(model.errors),
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from .external import ExternalModel
 from .heat import Heat
 from .network import SimulatorModel
 from .priors import HalfNormal, LogNormal
-from .residuals import Noise
+from .residuals import Discrepancy, Noise, PhaseDiscrepancy
 from .schema import Scenario
 
 _FINEST = 5e-3
@@ -18,7 +19,7 @@ NOISE_BESIDE_HEAT = Noise(
     correlation_time=LogNormal(median=300.0, factor=2.0),
     white=HalfNormal(scale=0.5),
 )
-"""Noise where none is written: heat leaves what lasts for minutes."""
+"""Noise where none is written: heat, or a discrepancy in its place, leaves what lasts for minutes."""
 
 
 def not_normal(scenario: Scenario) -> list[str]:
@@ -34,9 +35,13 @@ def noise_of(scenario: Scenario, channel: str) -> Noise:
 
 
 def default_noise(scenario: Scenario) -> Noise:
-    """The noise of channels that have none of their own; where the scenario writes none, beside heat it is AR(1)."""
-    written = "noise" in scenario.model_fields_set
-    return scenario.noise if written or heat_of(scenario) is None else NOISE_BESIDE_HEAT
+    """The noise of channels that have none of their own.
+
+    Where the scenario writes none, it is AR(1) beside heat, and beside an external simulator, which takes none.
+    """
+    if "noise" in scenario.model_fields_set or not (heat_of(scenario) is not None or _lacks(scenario)):
+        return scenario.noise
+    return NOISE_BESIDE_HEAT
 
 
 def heat_of(scenario: Scenario) -> Heat | None:
@@ -47,6 +52,22 @@ def heat_of(scenario: Scenario) -> Heat | None:
     if scenario.heat is not None:
         return scenario.heat if isinstance(scenario.heat, Heat) else None
     return Heat() if can_have_heat(scenario) else None
+
+
+def discrepancy_of(scenario: Scenario) -> Discrepancy | None:
+    """What the simulator lacks, in temperature; None: there is none.
+
+    Where the scenario does not write it, an external simulator has the defaults, if the length of the orbit is known.
+    """
+    if scenario.discrepancy is not None:
+        return scenario.discrepancy if isinstance(scenario.discrepancy, Discrepancy) else None
+    around = scenario.environment.orbit is not None or scenario.environment.period is not None
+    return Discrepancy(phase=PhaseDiscrepancy()) if around and _lacks(scenario) and not not_normal(scenario) else None
+
+
+def _lacks(scenario: Scenario) -> bool:
+    """Whether a simulator that takes no heat is meant to lack something, as every simulator does."""
+    return isinstance(scenario.simulator, ExternalModel) and scenario.heat is None
 
 
 def time_error_of(scenario: Scenario) -> float | None:

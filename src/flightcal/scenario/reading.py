@@ -22,7 +22,7 @@ from .network import AnyHeater, Conductor, Face, Load, ModeChange, Node, Powers,
 from .numbers import Settable, settable_of
 from .parameters import read_parameters
 from .reduced import fill_in
-from .residuals import Discrepancy, Noise
+from .residuals import Discrepancy, Noise, WrittenDiscrepancy
 from .schema import AnySimulator, Observation, Scenario
 from .telemetry import Channel, Packet, TelemetryFile
 from .timeline import with_attitudes, with_timeline
@@ -152,7 +152,7 @@ class _Reader:
             "windows": self.entries(Window, data, "windows"),
         }
         if data.get("discrepancy") is not None:
-            parts["discrepancy"] = self.block(Discrepancy, data["discrepancy"], "discrepancy")
+            parts["discrepancy"] = self.block(WrittenDiscrepancy, data["discrepancy"], "discrepancy")
         if data.get("heat") is not None:
             parts["heat"] = self.block(WrittenHeat, data["heat"], "heat")
         reduced = in_network.pop("reduced_numbers")
@@ -172,7 +172,7 @@ class _Reader:
             reduced=reduced if "reduced_model" in network else None,
             full_nodes=tuple(network.get("full_nodes", ())),
             noise=parts["noise"],
-            discrepancy=parts.get("discrepancy"),
+            discrepancy=own if isinstance(own := parts.get("discrepancy"), Discrepancy) else None,
             heat=heat if isinstance(heat := parts.get("heat"), Heat) else None,
             has_errors=bool(network.get("errors")),
         )

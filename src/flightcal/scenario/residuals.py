@@ -105,6 +105,15 @@ class Discrepancy(Block):
     """Temperature channels that have one; none named: all."""
 
 
+def _discrepancy_kind(value: Any) -> Any:
+    return Discrepancy if isinstance(value, dict) else Literal["none"] if value == "none" else None
+
+
+WrittenDiscrepancy = Annotated[
+    Discrepancy | Literal["none"], OneOf(_discrepancy_kind, "none, or a mapping of 'phase' and 'channels'")
+]
+
+
 def _noise_kind(value: Any) -> Any:
     is_prior = isinstance(value, dict) and len(value) == 1 and set(value) <= set(FORMS)
     return Noise if isinstance(value, dict) and not is_prior else UncertainDeviation

@@ -5,7 +5,7 @@ from __future__ import annotations
 from io import StringIO
 from typing import Any
 
-from .defaults import heat_of
+from .defaults import default_noise
 from .environment import AttitudeTimeline
 from .heat import Heat
 from .meshed import MESHED
@@ -66,8 +66,8 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
         data["environment"]["attitude"].pop("timeline_file", None)
     data["windows"] = grouped_windows(data["windows"])
     data["noise"] = _written_noise(data["noise"])
-    if "noise" not in scenario.model_fields_set and heat_of(scenario) is not None:
-        del data["noise"]  # what is written counts, and beside heat the default is another
+    if default_noise(scenario) is not scenario.noise:
+        del data["noise"]  # what is written counts, and the default is another
     if isinstance(scenario.heat, Heat):
         data["heat"] |= {part: None for part in ("pattern", "gains", "slow") if getattr(scenario.heat, part) is None}
     if isinstance(scenario.simulator, SimulatorModel):

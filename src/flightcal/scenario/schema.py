@@ -37,7 +37,7 @@ from .fields import (
 from .heat import WrittenHeat
 from .network import SimulatorModel
 from .priors import Prior, prior_schema, read_prior
-from .residuals import ChannelNoise, Discrepancy, Noise, StatusLikelihood
+from .residuals import ChannelNoise, Noise, StatusLikelihood, WrittenDiscrepancy
 from .telemetry import TelemetryFile
 from .units import HOTTEST, Duration, Quantity
 from .windows import Window, is_trained
@@ -151,9 +151,11 @@ class Scenario(Block):
     observations: dict[str, Observation] = Field(min_length=1)
     noise: Noise = Noise()
     """Of the temperature channels that have none of their own."""
-    discrepancy: Discrepancy | None = None
+    discrepancy: WrittenDiscrepancy | None = None
+    """What the simulator lacks, in temperature; none: nothing. Where it is not written: see `heat`."""
     heat: WrittenHeat | None = None
-    """Heat that the simulator does not know of; none: there is none."""
+    """Heat that the simulator does not know of; none: there is none. Where it is not written: heat where the simulator
+    takes it, and beside an external simulator a discrepancy that comes again in every orbit."""
     time_error: WrittenTimeError | None = None
     """Standard deviation of an error that the time tags of all temperatures have in common, as where a clock, the
     orbit or the sensors are late; it is calibrated. none: there is none. Where it is not written: 3 s beside `heat`."""

@@ -22,6 +22,7 @@ from ..scenario import (
     PhaseDiscrepancy,
     Scenario,
     can_have_heat,
+    discrepancy_of,
     is_trained,
     noise_of,
 )
@@ -77,9 +78,7 @@ def variant(scenario: Scenario, model: str) -> Scenario:
         else item.model_copy(update={"noise": noise(noise_of(scenario, channel))})
         for channel, item in scenario.observations.items()
     }
-    own = scenario.discrepancy
-    if own is None:
-        own = Discrepancy(phase=PhaseDiscrepancy())
+    own = discrepancy_of(scenario) or Discrepancy(phase=PhaseDiscrepancy())
     discrepancy = own if model.startswith("phase") else None
     return scenario.model_copy(
         update={"observations": observations, "noise": noise(scenario.noise), "discrepancy": discrepancy}
