@@ -61,6 +61,10 @@ def test_a_block_has_the_defaults_of_what_it_does_not_write(tmp_path):
     )
 
 
+def test_heat_stands_beside_no_discrepancy(tmp_path):
+    assert heat_of(load(tmp_path, omitted() | {"discrepancy": "none"})) == Heat()
+
+
 def test_what_is_written_is_the_heat(tmp_path):
     block = {"nodes": ["panel"], "pattern": {"harmonics": 3}}
 

@@ -97,7 +97,7 @@ def can_have_heat(scenario: Scenario) -> bool:
     if not isinstance(model, SimulatorModel) or (model.errors and model.reduced_model is None):
         return False
     holds_heat = any(node.capacity is not None for node in model.nodes.values())
-    return holds_heat and scenario.discrepancy is None and not not_normal(scenario)
+    return holds_heat and not isinstance(scenario.discrepancy, Discrepancy) and not not_normal(scenario)
 
 
 def _written_noise(scenario: Scenario, channel: str) -> Noise:
