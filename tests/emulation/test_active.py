@@ -120,10 +120,10 @@ def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
 
     def counting(*given, **named):
         sampled.append(given)
-        return nuts.sample(*given, **named)
+        return nuts.sample_problem(*given, **named)
 
     with monkeypatch.context() as patch:
-        patch.setattr(active, "sample", counting)
+        patch.setattr(active, "sample_problem", counting)
         found = learn(problem, counted, (read_runs(file, nothing[0]),), beliefs=beliefs, **arguments)
     assert len(beliefs) == 1
     assert len(sampled) == len(found.rounds) - 1
@@ -143,11 +143,11 @@ def test_an_interruption_between_the_runs_ends_it(problem, monkeypatch):
 
     def interrupted(*given, **named):
         threading.Timer(0.05, signal.raise_signal, [signal.SIGINT]).start()
-        return nuts.sample(*given, **named)
+        return nuts.sample_problem(*given, **named)
 
     for rounds in ("_NUTS", "_COARSE"):
         monkeypatch.setattr(active, rounds, NutsSettings(chains=2, draws=10_000, warmup=100))
-    monkeypatch.setattr(active, "sample", interrupted)
+    monkeypatch.setattr(active, "sample_problem", interrupted)
     settings = EmulatorSettings(runs=60, start=40, batch=10)
     with pytest.raises(KeyboardInterrupt):
         learn(problem, evaluate, derivative_free.nothing(problem), settings=settings, seed=5, save=kept.append)

@@ -20,7 +20,7 @@ from .diagnostics import (
 from .heat_file import with_kept_heat
 from .methods import calibrate_nuts
 from .mode import climb, find_mode
-from .nuts import sample
+from .nuts import sample_problem
 from .optimisation import calibrate_genetic, genetic_points, genetic_run_points, with_residual_noise
 from .posterior import Posterior, mean_and_some, some_of
 from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated, read_fixed_numbers

@@ -134,7 +134,7 @@ def sample(
     """
     starts = overdispersed_starts(log_density, whitening, settings.chains, seed)
     seeds = np.random.SeedSequence(seed, spawn_key=(1,)).generate_state(settings.chains, np.uint64)
-    turn = threading.Lock() if in_turn else nullcontext()
+    turn = threading.Lock() if in_turn else None
     densities = [native(whitening) or _Density(log_density, whitening, turn) for _ in seeds]
     samplers: list[Any] = []
     traces: dict[int, Any] = {}

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration import find_mode, least_effective, sample
+from ..calibration import find_mode, least_effective, sample_problem
 from ..errors import FlightcalError
 from ..external import Record
 from ..probability import DEVIATION, Priors, sobol
@@ -435,8 +435,7 @@ def _posterior(
             raise FlightcalError(f"emulator: {failure}") from None
         # The mode is at the edge of where there are runs.
         coordinates = whitening(before.mean, np.asarray(np.linalg.inv(np.cov(before.z.T)), float))
-    seed = int(rng.integers(2**32))
-    draws = sample(problem.log_density_and_gradient, coordinates, nuts, seed, in_turn=True, progress=progress)
+    draws = sample_problem(problem, coordinates, nuts, int(rng.integers(2**32)), progress=progress)
     if draws.interrupted:
         raise KeyboardInterrupt
     samples = sum(len(window.times) for window in problem.windows)

@@ -151,25 +151,22 @@ def check_emulator(
     failed = sum(int((~own.finished).sum()) for own in runs)
     found = {"failed": failed, "density_error": check.density_error, "steps": check.steps}
     run.folder.write_json(CHECK_FILE, plain(check.validation) | plain(found))
-    runs_allowed = f"calibration.emulator.runs, now {problem.scenario.calibration.emulator.runs}"
-    whole = sum(len(window.times) for window in problem.windows)
-    advice = f"Allow more runs ({runs_allowed}): the posterior is as wide as it is partly for want of them."
-    if emulation.followed < whole:
-        advice = (
-            f"Train on a shorter window, narrow the priors, or allow more runs ({runs_allowed}): the emulator followed "
-            f"the simulator over the first {emulation.followed} of {whole} samples, as where a thermostat gets out of "
-            "step."
-        )
-    rule = gate(
-        EMULATOR_ERROR,
-        emulation.reached,
-        "no longer matters" if emulation.reached else emulation.verdict,
-        "no longer matters",
-        advice,
-    )
-    for judged in (rule, _held_out(check.validation), _density(check), *_in_step(check)):
+    for judged in (_rule(problem, emulation), _held_out(check.validation), _density(check), *_in_step(check)):
         diagnostics = with_gate(diagnostics, judged)
     return diagnostics
+
+
+def _rule(problem: Problem, emulation: Emulation) -> Gate:
+    allowed = f"calibration.emulator.runs, now {problem.scenario.calibration.emulator.runs}"
+    whole = sum(len(window.times) for window in problem.windows)
+    advice = f"Allow more runs ({allowed}): the posterior is as wide as it is partly for want of them."
+    if emulation.followed < whole:
+        advice = (
+            f"Train on a shorter window, narrow the priors, or allow more runs ({allowed}): the emulator followed the "
+            f"simulator over the first {emulation.followed} of {whole} samples, as where a thermostat gets out of step."
+        )
+    found = "no longer matters" if emulation.reached else emulation.verdict
+    return gate(EMULATOR_ERROR, emulation.reached, found, "no longer matters", advice)
 
 
 def _held_out(validation: Validation) -> Gate:

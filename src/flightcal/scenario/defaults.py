@@ -39,9 +39,9 @@ def default_noise(scenario: Scenario) -> Noise:
 
     Where the scenario writes none, it is AR(1) beside heat, and beside an external simulator, which takes none.
     """
-    if "noise" in scenario.model_fields_set or not (heat_of(scenario) is not None or _lacks(scenario)):
-        return scenario.noise
-    return NOISE_BESIDE_HEAT
+    written = "noise" in scenario.model_fields_set
+    lacks = heat_of(scenario) is not None or _lacks(scenario)
+    return NOISE_BESIDE_HEAT if lacks and not written else scenario.noise
 
 
 def heat_of(scenario: Scenario) -> Heat | None:
