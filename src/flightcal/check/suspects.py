@@ -247,7 +247,7 @@ def _beside_runs(ensemble: Ensemble, found: list[Suspicion]) -> Suspects:
     if not named and helps and (helps[0][1].nats or 0.0) > _HELPS:
         sentence = f"What helps most explains a part of it: {helps[0][1].title}."
         advice = "Check that first; then what the simulator has otherwise"
-        named = [Suspicion(UNEXPLAINED, "", "No simple wrong explains the telemetry", sentence, advice, 0.0)]
+        named = [_nothing_simple(sentence, advice)]
     return Suspects((*found, *named), True, _RUN_ONLY)
 
 
@@ -433,7 +433,11 @@ def unexplained(
     if helps:
         sentence += f" A part of it, at most: {helps[0][1].title}."
     advice = "Check that both are of the same satellite and time; then what the model leaves out there"
-    return [Suspicion(UNEXPLAINED, "", "No simple wrong explains the telemetry", sentence, advice, 0.0)]
+    return [_nothing_simple(sentence, advice)]
+
+
+def _nothing_simple(sentence: str, advice: str) -> Suspicion:
+    return Suspicion(UNEXPLAINED, "", "No simple wrong explains the telemetry", sentence, advice, 0.0)
 
 
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
