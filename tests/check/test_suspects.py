@@ -12,8 +12,9 @@ from flightcal.check.findings import suspected
 from flightcal.check.misfit import Misfit
 from flightcal.check.page import _suspects
 from flightcal.check.prepared import prepared
-from flightcal.check.suspects import Suspicion, finalists, ranked, unexplained
+from flightcal.check.suspicion import Suspicion, ranked, unexplained
 from flightcal.check.view import HEAT
+from flightcal.check.white_box import finalists
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heaters import obedient
 from flightcal.problem import build_problem
@@ -66,7 +67,8 @@ def test_a_status_that_never_changes_is_told_where_its_thermostat_acts(flown):
 def test_what_explains_a_disobeyed_thermostat_is_named_though_little_else_tells_it(flown, monkeypatch):
     scenario, data = flown
     off = spoilt(data, body_temp=data["body_temp"].to_numpy() + 5.0)
-    monkeypatch.setattr(sys.modules["flightcal.check.suspects"], "_CLEAR", 1e6)
+    for module in ("white_box", "suspicion"):
+        monkeypatch.setattr(sys.modules[f"flightcal.check.{module}"], "CLEAR", 1e6)
     first = named(scenario, off)[0]
     assert (first.kind, first.about) == ("bias", "body_temp")
     assert not named(scenario, spoilt(data, panel_temp=data["panel_temp"].to_numpy() + 8.0))

@@ -6,5 +6,6 @@ simulator, telemetry.
 
 from .evaluate import PriorRuns, effort_for
 from .profile import check_names
-from .suspects import SUSPECTS, Suspects, suspects
+from .suspects import SUSPECTS, suspects
+from .suspicion import Suspects
 from .whole import CHECK, CheckSummary, check

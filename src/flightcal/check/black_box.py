@@ -163,7 +163,7 @@ class _Look:
     nothing: Fit
 
 
-def compared(ensemble: Ensemble, clear: float) -> tuple[Fit, list[tuple[Fit, Wrong, float]]]:
+def compared_by_runs(ensemble: Ensemble, clear: float) -> tuple[Fit, list[tuple[Fit, Wrong, float]]]:
     """The telemetry with nothing wrong, and what is better by over `clear` nats, each with its nats, the best first."""
     look = _look(ensemble)
     tried = sorted(((*_gained(ensemble, look, own), own) for own in _wrongs(ensemble)), key=lambda own: -own[0])

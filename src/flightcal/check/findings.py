@@ -17,7 +17,7 @@ from .prior_predictive import EDGE, ChannelReach, PriorPredictive
 from .profile import Profile
 from .sensitivity import LIKELIHOOD, Sensitivity
 from .smoothness import REACH, TOLERANCE, Jump, Smoothness
-from .suspects import Suspects
+from .suspicion import Suspects
 
 _REACHED = 0.5
 """Share of a channel's telemetry that the prior must reach."""

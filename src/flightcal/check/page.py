@@ -27,7 +27,7 @@ from ..report import (
 from . import figures as draw
 from .findings import Checked, times, verdict_of
 from .heat import ALIKE, WIDER, BesideHeat
-from .suspects import Suspects
+from .suspicion import Suspects
 
 _MOST_CORRELATED = 24
 """Parameters up to which the correlations are drawn."""

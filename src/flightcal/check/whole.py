@@ -23,7 +23,7 @@ from .prior_predictive import prior_predictive
 from .profile import profile
 from .sensitivity import sensitivity
 from .smoothness import smoothness
-from .suspects import Suspects
+from .suspicion import Suspects
 
 _JSON, _PAGE = "check.json", "check.html"
 

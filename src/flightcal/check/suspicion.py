@@ -1,0 +1,118 @@
+"""What is said of simple wrongs: which of those that help is named, and what is said where none explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..report import UNEXPLAINED
+from .evidence import Fit
+from .misfit import Misfit
+from .wrongs import Wrong
+
+NOT_COMPARED = "wrong clocks, units, biases, swapped channels, status, heaters, modes, drivers and orbit"
+"""What only a comparison with the simulator tells,"""
+INSIDE = "wrong heaters, modes, drivers, faces, attitude and orbit"
+"""and what only a simulator that is looked into."""
+CLEAR = 10.0
+"""Nats by which a wrong has to be better than nothing wrong, odds counted, to be named."""
+BAD, _WORSE = 2.0, 4.0
+"""Mean squares of deviations from which a scenario is beside its telemetry altogether: where simple wrongs help, and
+where none does."""
+_LEFT = 0.2
+"""Share of what a right model has in more than nothing wrong, that one wrong may lack and still be what is named."""
+_FAR = 5.0
+"""Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
+of them, one is there about as seldom as `CLEAR` says."""
+_SHOWN, _NEAR = 3, 0.2
+"""So many are named at most, and only if the best is not better by `CLEAR` and by so much of what it explains."""
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """A simple wrong that explains the telemetry far better than the scenario as it is."""
+
+    kind: str
+    about: str
+    """A channel, a heater, a node, ..."""
+    title: str
+    sentence: str
+    advice: str
+    """What to do, in a line."""
+    nats: float | None = None
+    """How much more probable the telemetry is with it, log; None: the telemetry shows it by itself."""
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """What was found, the likeliest first."""
+
+    found: tuple[Suspicion, ...] = ()
+    looked: bool = False
+    """Whether the telemetry was compared with the simulator, beside what it shows by itself."""
+    why_not: str = ""
+    """Why it was not, where it was not, or why not in all."""
+    misfit: Misfit | None = None
+    """Where the model is farthest off, if it is beyond what is usual and nothing says why."""
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What was found, as lines, and what was not looked for."""
+        alike = sum(own.nats is not None for own in self.found)
+
+        def mark(own: Suspicion) -> str:
+            one_of = f", one of {alike}" if alike > 1 and own.nats is not None else ""
+            return "" if own.kind == UNEXPLAINED else f"likely wrong{one_of}: "
+
+        found = tuple(f"{mark(own)}{own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
+        return (*found, f"not looked for: {self.left_out}; {self.why_not}") if self.why_not else found
+
+    @property
+    def left_out(self) -> str:
+        """What nobody looked for."""
+        return INSIDE if self.looked else NOT_COMPARED
+
+
+def suspicion_of(wrong: Wrong, fit: Fit, nats: float) -> Suspicion:
+    """What is said of a wrong that is better than nothing wrong by so many nats."""
+    words = wrong.words(fit) if callable(wrong.words) else wrong.words
+    return Suspicion(wrong.kind, wrong.about, words.title, words.sentence, words.advice, nats)
+
+
+def ranked(
+    best: list[tuple[Fit, Suspicion]], nothing: Fit, left: float = _LEFT, far: float = _FAR, bad: float = np.inf
+) -> list[Suspicion]:
+    """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, and nothing far off."""
+    explains = [
+        own for own in best if own[0].is_usual or (own[0].lacking < left * nothing.lacking and own[0].misfit < bad)
+    ]
+    named = [own for fit, own in explains if fit.farthest < far]
+    most = max((own.nats or 0.0 for own in named), default=0.0)
+    return [own for own in named[:_SHOWN] if most - (own.nats or 0.0) < max(CLEAR, _NEAR * most)]
+
+
+def unexplained(
+    nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspicion]], *, run_only: bool = False
+) -> list[Suspicion]:
+    """That no simple wrong brings the model to the telemetry, where it is far off; else it may be only too simple."""
+    if nothing.misfit <= (BAD if helps else _WORSE):
+        return []
+    lacked = "what a simulator may lack" if run_only else "unmodelled heat of some percent"
+    sentence = (
+        f"Neither parameters nor {lacked} nor any one simple wrong do: its deviations are "
+        f"{np.sqrt(nothing.misfit):.1f} times what is usual."
+    )
+    if not run_only:
+        sentence = f"{sentence[:-1]}, beside heat of {0.05 * nothing.size:.0%} of what flows."
+    if where:
+        sentence += f" {where.words}"
+    if helps:
+        sentence += f" A part of it, at most: {helps[0][1].title}."
+    advice = "Check that both are of the same satellite and time; then what the model leaves out there"
+    return [nothing_simple(sentence, advice)]
+
+
+def nothing_simple(sentence: str, advice: str) -> Suspicion:
+    """What is said where no one simple wrong explains the telemetry."""
+    return Suspicion(UNEXPLAINED, "", "No simple wrong explains the telemetry", sentence, advice, 0.0)
