@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from flightcal.emulation.active import Runs
+from flightcal.emulation.design import Runs
 from flightcal.emulation.emulated import empty_runs
 from flightcal.emulation.runs import TrainingRuns
 from flightcal.external.record import Record

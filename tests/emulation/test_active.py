@@ -11,7 +11,8 @@ import pytest
 
 from flightcal.calibration import calibrate_nuts, nuts
 from flightcal.emulation import active
-from flightcal.emulation.active import learn, start_design
+from flightcal.emulation.active import learn
+from flightcal.emulation.design import start_design
 from flightcal.emulation.emulator import simulated_priors
 from flightcal.emulation.horizon import beginning
 from flightcal.emulation.runs import read_runs

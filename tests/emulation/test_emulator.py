@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.emulation.active import start_design
+from flightcal.emulation.design import start_design
 from flightcal.emulation.emulator import EmulatedSimulator, fit_emulator, simulated_priors
 from flightcal.emulation.held_out import judge, validate
 from flightcal.simulator import SimulationFailure

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from flightcal.emulation.active import noise_level, start_design
+from flightcal.emulation.active import noise_level
+from flightcal.emulation.design import start_design
 from flightcal.emulation.emulator import simulated_priors
 from flightcal.emulation.horizon import beginning, farthest_emulator
 from flightcal.problem import build_window

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.emulation import gaussian_process
-from flightcal.emulation.active import start_design
+from flightcal.emulation.design import start_design
 from flightcal.emulation.emulator import fit_emulator, simulated_priors, with_emulator
 from flightcal.emulation.influence import importance, influence, most_telling
 from tests import derivative_free

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import calibrate_nuts
-from flightcal.emulation import active
+from flightcal.emulation import design
 from flightcal.emulation.active import learn
 from flightcal.emulation.horizon import beginning
 from flightcal.emulation.influence import emulated
@@ -108,10 +108,10 @@ def test_runs_are_thetas_of_a_calibration_whose_parameters_drift(scene):
     link = scenario.parameters["link"].model_copy(update={"drift": 0.3})
     drifting = scenario.model_copy(update={"parameters": scenario.parameters | {"link": link}})
     problem = build_problem(drifting, telemetry)
-    thetas = active._through_the_priors(problem, 6, 1)
+    thetas = design.start_thetas(problem, 6, 1)
     inside = [problem.at(window, thetas)[:, window.simulated] for window in problem.windows]
     assert (inside[0][:, 0] != inside[1][:, 0]).all()
     runs = tuple(derivative_free.runs_at(*both) for both in zip(problem.windows, inside, strict=True))
-    back = active._thetas_of(problem, runs)
+    back = design.thetas_of(problem, runs)
     for window, theta in zip(problem.windows, inside, strict=True):
         np.testing.assert_allclose(problem.at(window, back)[:, window.simulated], theta, rtol=1e-9)

@@ -11,7 +11,8 @@ from ..errors import FlightcalError
 from ..external import ExternalSimulator, Record, RunFailure
 from ..problem import Problem, Window
 from ..simulator import FloatArray
-from .active import Runs, noise_level, on_all_windows, start_design, title
+from .active import noise_level
+from .design import Runs, on_all_windows, start_design, title
 from .emulator import fit_emulator, simulated_priors, with_emulator
 from .held_out import Validation, judge, together, validate
 from .horizon import shape_tolerance

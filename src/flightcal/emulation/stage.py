@@ -26,7 +26,8 @@ from ..problem import Problem, Window
 from ..run import Run, Stage, plain, read_json
 from ..scenario import EmulatorSettings, NutsSettings, not_normal
 from ..simulator import FloatArray, Trajectory
-from .active import Belief, Learnt, Runs, learn, start_runs
+from .active import Belief, Learnt, learn
+from .design import Runs, start_runs
 from .emulated import (
     CHECKED,
     SimulatorCheck,
