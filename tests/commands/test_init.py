@@ -173,6 +173,7 @@ def test_a_heaters_current_is_its_status_and_a_clock_of_two_parts_is_read(tmp_pa
 def test_raw_readings_and_bits_of_a_word_are_written_as_such(tmp_path: Path):
     table = frame(40).drop(columns="HTR")
     table["ANT_TEMP_RAW"], table["HTR_WORD"] = 2100 + np.arange(40), np.where(np.arange(40) // 5 % 2, 66, 64)
+    table["HTR_MASK"] = np.where(np.arange(40) // 5 % 2, "A5", "25")
     table["shutter"] = np.linspace(0.0, 1.0, 40)
     table.to_csv(tmp_path / "data.csv", index=False)
     result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
@@ -183,6 +184,8 @@ def test_raw_readings_and_bits_of_a_word_are_written_as_such(tmp_path: Path):
     scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
     assert len(scenario.telemetry.channels["ant_temp_raw"].curve) == 2
     assert scenario.telemetry.channels["htr_word_1"].bits == (1,)
+    mask = scenario.telemetry.channels["htr_mask_7"]
+    assert (mask.bits, mask.base) == ((7,), 16)
 
 
 def test_a_heater_whose_name_says_nothing_is_of_the_sensor_that_follows_it(tmp_path: Path):

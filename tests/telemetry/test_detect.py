@@ -184,10 +184,31 @@ def test_a_column_has_a_kind_and_a_unit(tmp_path: Path, name: str, cells: list, 
     assert [(column.kind, column.unit) for column in found.columns] == ([] if expected is None else [expected])
 
 
-def test_each_bit_of_a_heaters_word_that_changes_is_a_status(tmp_path: Path):
-    pd.DataFrame({"UTC": text(TIMES[:4]), "HTR_WORD": [64, 82, 82, 66]}).to_csv(tmp_path / "data.csv", index=False)
+@pytest.mark.parametrize(
+    ("words", "base"),
+    [
+        ([64, 82, 82, 66], None),
+        (["0x40", "0x52", None, "0x42"], None),
+        (["0b1000000", "0b1010010", "N/A", "0b1000010"], None),
+        (["5C40", "5C52", "5C52", "5C42"], 16),
+    ],
+)
+def test_each_bit_of_a_heaters_word_that_changes_is_a_status(tmp_path: Path, words: list, base: int | None):
+    pd.DataFrame({"UTC": text(TIMES[:4]), "HTR_WORD": words}).to_csv(tmp_path / "data.csv", index=False)
     (found,) = detect([tmp_path / "data.csv"])
-    assert [(column.kind, column.bit) for column in found.columns] == [("status", 1), ("status", 4)]
+    assert [(column.kind, column.bit, column.base) for column in found.columns] == [
+        ("status", 1, base),
+        ("status", 4, base),
+    ]
+    assert not found.left_out
+
+
+def test_text_that_is_no_word_of_heaters_is_left_out(tmp_path: Path):
+    pd.DataFrame({"UTC": text(TIMES[:4]), "HTR_WORD": ["one", "two", "one", "x"]}).to_csv(
+        tmp_path / "data.csv", index=False
+    )
+    (found,) = detect([tmp_path / "data.csv"])
+    assert (found.columns, found.left_out) == ((), ("HTR_WORD",))
 
 
 def test_a_last_letter_is_no_unit_where_it_names_a_branch(tmp_path: Path):

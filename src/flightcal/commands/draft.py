@@ -207,7 +207,8 @@ def _more(column: FoundColumn) -> str:
         guess = f"[[{low:g}, {_COLD} degC], [{high:g}, {_WARM} degC]]"
         return f", curve: {guess}}}  # PLACEHOLDER: what the raw readings of {column.name} mean"
     if column.bit is not None:
-        return f", bits: {column.bit}}}"
+        base = "" if column.base is None else f", base: {column.base}"
+        return f", bits: {column.bit}{base}}}"
     return "}" if column.on_above is None else f", on_above: {column.on_above}}}"
 
 

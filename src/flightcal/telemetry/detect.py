@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import and_, or_
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from ..errors import TelemetryError
 from ..scenario import Channel, Readings, TimeColumn, is_temperature, si_unit
 from ._times import is_fill, is_text, time_cells
-from ._values import is_status
+from ._values import NULL_WORDS, is_status
 from .modes import FoundModes, both, modes_in
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
@@ -45,6 +47,8 @@ _KELVINS = (150.0, 450.0)
 _CELSIUSES = (-200.0, 200.0)
 """What is called a temperature, and is neither between these nor those, are raw readings."""
 _WORD_NAME = re.compile(r"(?i)(htr|heater).*(word|bits|mask|flags)|(word|bits|mask|flags).*(htr|heater)")
+_WORDS = {0: re.compile(r"(?i)0x[0-9a-f]+|0b[01]+"), 10: re.compile("[0-9]+"), 16: re.compile(r"(?i)[0-9a-f]+")}
+"""Words that are text, by the base of their digits; 0: they say it."""
 _MOST_BITS = 8
 """Of a word that heaters switch; where more change, it is a counter."""
 # A last letter alone is more often the name of a branch than a unit.
@@ -66,6 +70,8 @@ class FoundColumn:
     """Lowest and highest of a temperature's readings that are no degC or K, such as counts of a converter."""
     bit: int | None = None
     """Of a status that is a bit of a word."""
+    base: int | None = None
+    """Of the word's digits, where they have no 0x and are not decimal."""
 
 
 @dataclass(frozen=True)
@@ -194,6 +200,7 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         modes = modes_in(table, free, times, alone=len(others) == 1)
     if modes is not None:
         del columns[modes.column]
+    parts = {name: tuple(_parts(name, column, table[name])) for name, column in columns.items()}
     return FoundPacket(
         (file,),
         source.sheet,
@@ -201,10 +208,10 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         found,
         first,
         last,
-        tuple(part for name, column in columns.items() if column for part in _bits(column, table[name])),
+        tuple(part for own in parts.values() for part in own),
         source.header,
         fine or None,
-        tuple(name for name, column in columns.items() if column is None and head[name].null_count < len(head[name])),
+        tuple(name for name, own in parts.items() if not own and head[name].null_count < len(head[name])),
         modes,
     )
 
@@ -286,17 +293,31 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
     return FoundColumn(name, "driver", unit or "1")
 
 
-def _bits(column: FoundColumn, cells: pa.ChunkedArray) -> Iterator[FoundColumn]:
-    """The column; in its place, of a word of heaters, each bit that changes."""
+def _parts(name: str, column: FoundColumn | None, cells: pa.ChunkedArray) -> Iterator[FoundColumn]:
+    """Each bit of a word of heaters that changes; else the column itself, if it can be a channel."""
+    words, base = _words(name, cells) if column is None or column.kind == "driver" else (None, None)
     changing: list[int] = []
-    if column.kind == "driver" and _WORD_NAME.search(column.name) and pa.types.is_integer(cells.type):
-        words = np.unique(cells.drop_null().to_numpy())
-        changed = int(np.bitwise_or.reduce(words) ^ np.bitwise_and.reduce(words))
+    if words:
+        changed = reduce(or_, words) ^ reduce(and_, words)
         changing = [bit for bit in range(changed.bit_length()) if changed >> bit & 1]
     if 0 < len(changing) <= _MOST_BITS:
-        yield from (FoundColumn(column.name, "status", None, bit=bit) for bit in changing)
-    else:
+        yield from (FoundColumn(name, "status", None, bit=bit, base=base) for bit in changing)
+    elif column is not None:
         yield column
+
+
+def _words(name: str, cells: pa.ChunkedArray) -> tuple[list[int] | None, int | None]:
+    """A column's different words of heaters, and the base of their digits where these do not tell it; null: none."""
+    if not _WORD_NAME.search(name):
+        return None, None
+    if pa.types.is_integer(cells.type):
+        return cells.drop_null().unique().to_pylist(), None
+    found = [cell.strip() for cell in cells.drop_null().unique().to_pylist()] if is_text(cells) else []
+    found = [cell for cell in found if cell not in NULL_WORDS]
+    for base, shape in _WORDS.items():
+        if found and all(shape.fullmatch(cell) for cell in found):
+            return [int(cell, base) for cell in found], base if base == 16 else None
+    return None, None
 
 
 def _between_levels(values: NDArray[np.float64], unit: str | None) -> float | None:
