@@ -1,5 +1,7 @@
 """Priors that reach the telemetry, and priors that do not."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -80,6 +82,21 @@ def test_failed_simulations_are_counted_and_left_out(problem):
     found = prior_predictive(problem, (draws, runs), centre_at(problem, **EXACT), 0)
     assert (found.draws, found.failed) == (40, 10)
     assert np.isfinite(found.bands[0].quantiles).all()
+
+
+def test_why_simulations_fail_is_told_with_the_heater_whose_thresholds_cross(tmp_path):
+    _, data = small.closed_loop(tmp_path)
+    written = small.content()
+    written["parameters"]["on"] = {
+        "sets": "heaters.heater.on_below",
+        "prior": {"normal": {"mean": "12 degC", "standard_deviation": "1.5 K"}},
+    }
+    problem = build_problem(small.load(tmp_path, written)[0], data)
+    found = found_for(problem, centre_at(problem, **dict(zip(problem.names, problem.priors.median(), strict=True))), 40)
+    assert 0 < len(found.why) <= found.failed < 40
+    for said in found.why:
+        on, off = (float(part) for part in re.findall(r"([0-9.]+) degC", said.partition("heater 'heater'")[2]))
+        assert on >= off == 13.0
 
 
 def test_telemetry_out_of_reach_in_one_of_two_windows_is_that_windows(problem):

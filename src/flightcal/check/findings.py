@@ -221,9 +221,10 @@ def _failures(checked: Checked) -> list[Finding]:
     if not predictive.failed:
         return []
     share = predictive.failed / predictive.draws
+    why = "".join(f" {said[0].upper()}{said[1:]}." for said in predictive.why)
     text = (
-        f"{predictive.failed} of {predictive.draws} simulations at prior draws fail. Where one fails the posterior is "
-        "cut off; narrow the priors to what the simulator can do."
+        f"{predictive.failed} of {predictive.draws} simulations at prior draws fail.{why} Where one fails the "
+        "posterior is cut off; narrow the priors to what the simulator can do."
     )
     state = "bad" if share > 0.5 else "warn" if share > _FAILURES else "good"
     return [Finding(state, f"{percent(share)} of the prior cannot be simulated", text)]  # type: ignore[arg-type]

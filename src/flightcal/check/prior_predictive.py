@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..problem import Problem, Window
 from ..scenario import heat_of
-from ..simulator import FloatArray, Trajectory
+from ..simulator import FloatArray, SimulationFailure, Trajectory
 from .centre import Centre
 from .evaluate import ManyRuns
 
@@ -21,6 +21,8 @@ _QUIET = 0.1
 """Quantile of a noise level's prior that counts as the least plausible noise."""
 EDGE = 0.01
 """Share of a prior beyond the centre's value below which the telemetry pulls a parameter to its prior's edge."""
+_ASKED = 3
+"""So many simulations that failed are made again, to say why."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,8 @@ class PriorPredictive:
 
     draws: int
     failed: int
+    why: tuple[str, ...]
+    """What failed simulations say, each once; of thermal networks, which tell when asked again."""
     bands: tuple[Bands, ...]
     """Of each window."""
     channels: tuple[ChannelReach, ...]
@@ -110,11 +114,25 @@ def prior_predictive(
     return PriorPredictive(
         draws=len(thetas),
         failed=int((~whole).sum()),
+        why=_why(problem, thetas[~whole][:_ASKED]),
         bands=tuple(bands),
         channels=tuple(channels),
         heaters=tuple(heaters),
         pressed=_pressed(problem, centre),
     )
+
+
+def _why(problem: Problem, thetas: FloatArray) -> tuple[str, ...]:
+    """What simulations at thetas [S, d] say that fail."""
+    if any(window.network is None for window in problem.windows):
+        return ()
+    said: dict[str, None] = {}
+    for theta in thetas:
+        try:
+            problem.simulate(theta)
+        except SimulationFailure as failure:
+            said.setdefault(str(failure))
+    return tuple(said)
 
 
 def _bands(

@@ -20,6 +20,7 @@ from .elimination import Elimination
 from .integrate import SimulationFailure, copied, in_parallel, switches
 from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
+from .kernels.sampling import ICE_POINT
 from .network import Network
 from .sampling import Observation, locate
 from .steps import Accuracy
@@ -178,10 +179,23 @@ class NetworkSimulator:
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]. Raises SimulationFailure."""
         with self._memories.borrowed(1, 0, 0) as calls:
-            calls.simulate(np.array(theta))
+            try:
+                calls.simulate(np.array(theta))
+            except SimulationFailure as failure:
+                raise SimulationFailure(f"{failure}{self._crossed(theta)}") from None
             if not _succeeded(calls.outputs, 1)[0]:
                 raise SimulationFailure("a temperature is one that no sensor reads")
             return self._trajectory(copied(calls.outputs, 1), 0)
+
+    def _crossed(self, theta: FloatArray) -> str:
+        """What is added to a failure where a thermostat switches off below where it switches on."""
+        lower, upper = self.thresholds(theta) - ICE_POINT
+        found = [
+            f": heater '{name}' switches on below {on:.2f} degC and off above {off:.2f} degC"
+            for name, on, off in zip(self.network.heaters, lower, upper, strict=True)
+            if on >= off
+        ]
+        return "".join(found[:1])
 
     def with_heat(self, heat: FloatArray) -> NetworkSimulator:
         """The same with heat [h, 2 K], W, into the network's `heated` nodes in each step (`in_steps`), at any theta."""
