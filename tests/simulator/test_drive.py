@@ -239,6 +239,21 @@ def test_the_heat_of_a_driver_that_is_held_is_exact_in_steps_of_any_length(tmp_p
     assert np.diff(drive.times) @ watts == pytest.approx(joules, rel=1e-5)
 
 
+def test_the_heat_of_a_driver_that_has_a_value_in_its_gaps_is_exact(tmp_path):
+    written = small.content()
+    written["telemetry"]["channels"]["sun"]["fill"] = "0.5 A"
+    scenario, data = small.load(tmp_path, written)
+    data["sun"].values[:] = np.nan
+    data["sun"].values[[20, 21, 22, 50, 51]] = [2.0, 2.0, 2.0, 3.0, 3.0]
+    network, inputs = inputs_of(scenario, data)
+    drive = drive_on(inputs, make_grid(inputs, lambda t: 1300.0 + 0.0 * t))
+    watts = 12.0 * drive.series[network.columns.index("driver.sun")].reshape(-1, 2).mean(axis=1)
+    interval = float(np.diff(data["time"].to_numpy()[:2])[0] / np.timedelta64(1, "s"))
+    # Each sample stands for an interval around it.
+    joules = 12.0 * (0.5 * drive.times[-1] + interval * (3 * 1.5 + 2 * 2.5))
+    assert np.diff(drive.times) @ watts == pytest.approx(joules, rel=1e-5)
+
+
 def test_a_face_gets_the_sunlight_of_a_slew_and_its_ends_are_breaks(tmp_path):
     written = rich()
     written["environment"]["attitude"] = {

@@ -174,6 +174,22 @@ def test_a_value_that_is_held_stays_until_the_next_sample_and_to_the_end_of_the_
         driver_series(dataset, "sun", seconds(-120.0))
 
 
+@pytest.mark.parametrize("fill", ["20 mA", 20.0])
+def test_a_value_is_what_a_driver_has_where_there_are_no_samples(tmp_path: Path, fill: object):
+    minutes = np.array([30.0, 31.0, 32.0, 90.0, 91.0, 92.0])
+    table = pd.DataFrame({"time": text(seconds(*(MINUTE * minutes))), "I": [100.0, 300.0, 200.0, 100.0, 200.0, 300.0]})
+    unit, one = ("mA", 1e-3) if isinstance(fill, str) else ("1", 1.0)
+    dataset = read(tmp_path, table, channels={"sun": {"column": "I", "kind": "driver", "unit": unit, "fill": fill}})
+    at = np.array([0.0, 29.4, 29.6, 30.5, 32.0, 32.4, 32.6, 60.0, 89.4, 89.6, 91.5, 92.6, 500.0])
+    found = [20.0, 20.0, 100.0, 200.0, 200.0, 200.0, 20.0, 20.0, 20.0, 100.0, 250.0, 20.0, 20.0]
+    np.testing.assert_allclose(driver_series(dataset, "sun", seconds(*(MINUTE * at))), one * np.array(found))
+    corners = driver_corners(dataset, "sun", 20.0 * one, None)
+    for jump in (29.5, 32.5, 89.5, 92.5):
+        around = np.abs((corners - seconds(MINUTE * jump)) / np.timedelta64(1, "s"))
+        assert np.sum(around < 2e-3) == 2
+    assert driver_gaps(dataset, "sun", 20.0 * one)[0].size == 0
+
+
 def switched(folder: Path, *, keep=slice(None), **changes: object) -> xr.Dataset:
     """A driver with a ripple that is switched on after 10 min, off after 20, and on for one sample after 30."""
     minutes = np.arange(60.0)

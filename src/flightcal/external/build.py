@@ -83,7 +83,7 @@ def _program(
     grid, samples = communication_points(times, model.fmu.step)
     at = start + np.round(grid * 1e9).astype("timedelta64[ns]")
     drivers = {
-        variable: driver_series(telemetry, channel, at, fill=scenario.telemetry.channels[channel].fill, period=period)
+        variable: driver_series(telemetry, channel, at, fill=scenario.telemetry.channels[channel].bridge, period=period)
         for variable, channel in model.fmu.drivers.items()
     }
     place = folder / model.fmu.file

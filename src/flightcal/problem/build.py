@@ -221,7 +221,7 @@ def _bridged(
     found = []
     for name, load in scenario.simulator.loads.items():
         channel = scenario.telemetry.channels[load.driver]
-        driver = load.driver, channel.fill, load_driver(load, channel)
+        driver = load.driver, channel.bridge, load_driver(load, channel)
         gaps, deviation = driver_gaps(telemetry, *driver)
         jumps, sizes = driver_jumps(telemetry, *driver)
         # A jump is as likely at each time between its samples.

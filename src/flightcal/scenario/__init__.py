@@ -77,7 +77,7 @@ from .reduced import REDUCED_MODEL_FORMAT
 from .residuals import NEEDS, Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes
 from .resolved import resolved_yaml
 from .schema import InitialState, Observation, Parameter, Scenario, input_files, is_difference
-from .telemetry import Channel, Packet, Readings, TelemetryFile, TimeColumn
+from .telemetry import Channel, Fill, Packet, Readings, TelemetryFile, TimeColumn
 from .template import write_new, write_template
 from .timeline import NamedChange, changes_in
 from .units import (

@@ -24,7 +24,7 @@ from .fields import (
     TimeFormat,
     of_length,
 )
-from .units import HOTTEST, Duration, Quantity
+from .units import HOTTEST, Duration, Quantity, si_unit, to_si
 
 
 class TimeColumn(Block):
@@ -62,6 +62,10 @@ CurvePoint = Annotated[
     tuple[Number, Annotated[float, Quantity("K", above=0, at_most=HOTTEST)]],
     of_length(2, "a point of a curve [reading, temperature]"),
 ]
+
+
+Fill = Literal["interpolate", "previous_orbit", "hold"] | float
+"""How a driver's gaps are bridged; a number: the value in them, SI."""
 
 
 class Span(Block):
@@ -111,8 +115,9 @@ class Channel(Block):
     """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
     leave_out: tuple[Span, ...] = ()
     """Times of which no sample is used, such as those of a sensor that is stuck or has a spike."""
-    fill: Literal["interpolate", "previous_orbit", "hold"] = "interpolate"
-    """For a driver: how its gaps are bridged; hold: it has no gaps, for each value stays until the next sample."""
+    fill: Literal["interpolate", "previous_orbit", "hold"] | Marker = "interpolate"
+    """For a driver: how its gaps are bridged; hold: it has no gaps, for each value stays until the next sample. Or the
+    value that it has wherever there are no samples, with its unit."""
 
     @field_validator("curve")
     @classmethod
@@ -126,6 +131,15 @@ class Channel(Block):
         if min(steps, default=1.0) * max(steps, default=1.0) <= 0:
             raise ValueError("found temperatures that rise and fall, expected that they always rise or always fall")
         return ordered
+
+    @property
+    def bridge(self) -> Fill:
+        """`fill`; a value in the unit that samples are read in, SI."""
+        match self.fill:
+            case "interpolate" | "previous_orbit" | "hold":
+                return self.fill
+            case value:
+                return to_si(value, si_unit(self.unit or "1"))
 
     @property
     def threshold(self) -> Literal["on_above", "on_below"] | None:

@@ -182,7 +182,7 @@ def window_inputs(
     kinks = inside(_kinks(scenario, start, end))
     breaks = _apart(np.concatenate([[0.0], jumps, switched, kinks, [duration]]))
     channels = scenario.telemetry.channels
-    fills: dict[str, Any] = {load.driver: channels[load.driver].fill for load in model.loads.values()}
+    fills: dict[str, Any] = {load.driver: channels[load.driver].bridge for load in model.loads.values()}
     fills |= {node.boundary: "interpolate" for node in model.nodes.values() if isinstance(node.boundary, str)}
     bends = [driver_corners(telemetry, name, fill, period) for name, fill in fills.items()]
     corners = inside(np.concatenate([sample_times(scenario.environment, scenario.folder), *bends]))

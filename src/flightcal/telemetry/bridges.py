@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from ..scenario import FmuSimulator, Scenario, SimulatorModel
+from ..scenario import Fill, FmuSimulator, Scenario, SimulatorModel
 from .clean import clock_text
-from .drivers import SHORT_GAP, Fill, valid_samples
+from .drivers import SHORT_GAP, is_told, valid_samples
 from .quality import QualityRecord
 from .window import window_bounds
 
@@ -24,7 +24,7 @@ def measured_inputs(scenario: Scenario) -> dict[str, Fill]:
         found |= dict.fromkeys(boundaries, "interpolate")
     else:
         drivers = list(model.fmu.drivers.values()) if isinstance(model, FmuSimulator) else []
-    return found | {channel: scenario.telemetry.channels[channel].fill for channel in drivers}
+    return found | {channel: scenario.telemetry.channels[channel].bridge for channel in drivers}
 
 
 def bridged(scenario: Scenario, dataset: xr.Dataset, period: float | None = None) -> Iterator[QualityRecord]:
@@ -34,7 +34,7 @@ def bridged(scenario: Scenario, dataset: xr.Dataset, period: float | None = None
     """
     period = period or dataset.attrs.get("period_s")
     for channel, fill in measured_inputs(scenario).items():
-        if fill == "hold":
+        if is_told(fill):
             continue
         seconds, _, interval = valid_samples(dataset, channel)
         times = np.round(seconds * 1e9).astype(np.int64).astype("datetime64[ns]")

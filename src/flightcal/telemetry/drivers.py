@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
+from ..scenario import Fill
 from .clean import clock_text
-
-Fill = Literal["interpolate", "previous_orbit", "hold"]
 
 _OUTSIDE = "before the first or after the last sample"
 SHORT_GAP = 3.0
@@ -42,11 +40,12 @@ def driver_series(
     `fill` (default: the channel's own) says how: 'interpolate' does so up to a tenth of the period, at most
     30 min; 'previous_orbit' takes the value a whole number of periods earlier, the fewest possible, or later
     where there is none earlier. With 'hold' there is no interpolation: a value stays until the next sample, the last
-    one as long as there is telemetry. period: orbital period, s; default: that of the dataset.
+    one as long as there is telemetry. A number is the driver's value wherever the next sample is more than half a
+    sampling interval away. period: orbital period, s; default: that of the dataset.
 
     Raises TelemetryError when a gap cannot be bridged.
     """
-    fill = fill or dataset[channel].attrs["fill"]
+    fill = dataset[channel].attrs["fill"] if fill is None else fill
     period = period or dataset.attrs.get("period_s")
     if fill == "hold":
         return _held(dataset, channel, times)
@@ -55,13 +54,19 @@ def driver_series(
     gap = _gap(seconds, at, interval)
     result = np.interp(at, seconds, values)
     open_gap = gap > SHORT_GAP * interval
+    if isinstance(fill, float):
+        open_gap |= (at < seconds[0]) | (at > seconds[-1])
+        nearest = _nearest(seconds, at)
+        return np.where(
+            open_gap, np.where(np.abs(at - seconds[nearest]) > 0.5 * interval, fill, values[nearest]), result
+        )
     if fill == "interpolate":
         limit = (
             LONGEST_INTERPOLATED if period is None else min(LONGEST_INTERPOLATED, LONGEST_INTERPOLATED_SHARE * period)
         )
         open_gap &= gap > limit
         most = f"'fill: interpolate' bridges at most {limit / 60:.1f} min"
-        advice = f"{most}, 'fill: previous_orbit' also longer gaps"
+        advice = f"{most}, 'fill: previous_orbit' also longer gaps, and 'fill: 0 W' says what the driver is in them"
     elif period is None:
         advice = "'fill: previous_orbit' needs the orbital period, expected environment.period or an orbit"
     else:
@@ -97,7 +102,7 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
     """Times between which `driver_series` is a straight line: those of the samples, and what bridges gaps.
 
     Where a gap is bridged from another orbit the driver jumps at its ends, within a millisecond; and so where a value
-    that is held changes.
+    that is held changes, and half a sampling interval from the ends of a gap that is bridged by a value.
     """
     seconds, values, interval = valid_samples(dataset, channel)
     if fill == "hold":
@@ -105,6 +110,10 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
         return _times(changed - _EDGE, changed)
     corners = [seconds]
     long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
+    if isinstance(fill, float):
+        ends = np.concatenate([[seconds[0]], seconds[long + 1], seconds[long], [seconds[-1]]])
+        away = 0.5 * interval * np.repeat([-1.0, 1.0], len(long) + 1)
+        corners += [ends + away, ends + away * (1.0 + 2.0 * _EDGE / interval)]
     if fill == "previous_orbit" and period is not None:
         turns = np.arange(1, int((seconds[-1] - seconds[0]) // period) + 2) * period
         for begin, end in zip(seconds[long], seconds[long + 1], strict=True):
@@ -123,7 +132,7 @@ def driver_gaps(
     such as a pass, may change the driver.
     """
     seconds, values, interval = valid_samples(dataset, channel)
-    long = np.flatnonzero((np.diff(seconds) > SHORT_GAP * interval) & (fill != "hold"))
+    long = np.flatnonzero((np.diff(seconds) > SHORT_GAP * interval) & (not is_told(fill)))
     return _between(seconds, long), float(of(values).std())
 
 
@@ -144,6 +153,18 @@ def driver_jumps(
     told = fill == "hold" or "averaged" in dataset[channel].attrs
     found = np.flatnonzero(short & (not told) & (size > _JUMP * varying.std()))
     return _between(seconds, found), size[found]
+
+
+def is_told(fill: Fill) -> bool:
+    """Whether the scenario says what a driver is between its samples, however far apart they are."""
+    return fill == "hold" or isinstance(fill, float)
+
+
+def _nearest(seconds: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Positions of the samples that are nearest to times."""
+    after = np.searchsorted(seconds, at).clip(0, len(seconds) - 1)
+    before = (after - 1).clip(0)
+    return np.where(at - seconds[before] < seconds[after] - at, before, after)
 
 
 def _between(seconds: NDArray[np.float64], samples: NDArray[np.intp]) -> NDArray[np.datetime64]:

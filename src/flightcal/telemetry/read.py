@@ -345,7 +345,7 @@ def _dataset(
                 "units": "" if channel.kind == "status" else conversions[name].unit,
                 "long_name": f"{channel.kind} '{name}'",
                 "column": ", ".join(channel.column),
-                "fill": channel.fill,
+                "fill": channel.bridge,
                 "packet": packet,
             },
         )

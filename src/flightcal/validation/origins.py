@@ -175,7 +175,7 @@ def _bridged(
         channel = scenario.telemetry.channels[name]
         if channel.kind == "status":
             continue  # where it is unknown thermostats act
-        fill: Any = "interpolate" if channel.kind == "temperature" else channel.fill
+        fill: Any = "interpolate" if channel.kind == "temperature" else channel.bridge
         try:
             driver_series(telemetry, name, times, fill=fill, period=period)
         except TelemetryError:

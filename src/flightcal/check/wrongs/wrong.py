@@ -197,7 +197,7 @@ def load_series(view: View, load: Load, channel: str, seconds: FloatArray) -> Fl
     written = view.window.scenario.telemetry.channels[channel]
     times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[channel].to_numpy())]
     at = np.clip(view.utc(seconds), times[0], times[-1])
-    values = driver_series(view.telemetry, channel, at, fill=written.fill, period=view.window.period)
+    values = driver_series(view.telemetry, channel, at, fill=written.bridge, period=view.window.period)
     return load_driver(load, written)(values)
 
 

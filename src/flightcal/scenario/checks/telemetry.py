@@ -161,6 +161,11 @@ def _check_options(channel: Channel, location: Location, reading: Reading) -> It
         yield Problem((*location, "fill"), f"found 'fill' for a {channel.kind}, expected it for a driver only")
     environment = reading.blocks.environment
     known = environment is None or environment.orbit is not None or environment.period is not None
+    try:
+        channel.bridge  # noqa: B018
+    except ValueError as error:
+        words = "expected interpolate, previous_orbit, hold or the value in gaps"
+        yield Problem((*location, "fill"), f"{words}: {error}")
     if channel.fill == "previous_orbit" and not known:
         message = "found 'previous_orbit', expected 'orbit' or 'period' in environment: no orbital period is known"
         yield Problem((*location, "fill"), message)
