@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from flightcal.check.evaluate import THOROUGH, signature
-from flightcal.check.smoothness import REACH, TOLERANCE, check_gradient, scan_all, smoothness
+from flightcal.check.smoothness import REACH, TOLERANCE, _candidates, check_gradient, scan_all, smoothness
 from flightcal.problem import Problem, build_problem
 from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch
@@ -194,6 +194,12 @@ def test_a_network_has_a_right_gradient_at_a_kink_too(grazing):
     errors, points, _ = check_gradient(problem, centre, 1)
     assert points == 4
     assert max(item.error for item in errors) < TOLERANCE
+
+
+@pytest.mark.filterwarnings("error")
+def test_simulations_that_fail_in_a_row_are_no_jump():
+    values = np.array([[-np.inf, -np.inf, -np.inf, -1.0, 0.0, -1.0, -4.0, -np.inf, -np.inf]])
+    assert _candidates(values, [[(1,)] * values.size]) == []
 
 
 def test_a_failed_simulation_has_a_signature_of_its_own():

@@ -143,10 +143,11 @@ def _candidates(values: FloatArray, signatures: list[list[tuple[int, ...]]]) -> 
     """Intervals that may hold a jump: scan, its lower point, and the slope [per interval] expected without one."""
     found = []
     for k, row in enumerate(values):
-        rise = np.diff(row)
-        padded = np.concatenate([rise[1:2], rise, rise[-2:-1]])
-        expected = 0.5 * (padded[:-2] + padded[2:])
-        oddity = np.abs(rise - expected)
+        with np.errstate(invalid="ignore"):  # next to failed simulations
+            rise = np.diff(row)
+            padded = np.concatenate([rise[1:2], rise, rise[-2:-1]])
+            expected = 0.5 * (padded[:-2] + padded[2:])
+            oddity = np.abs(rise - expected)
         finite = np.isfinite(oddity)
         usual = np.median(oddity[finite]) if finite.any() else 0.0
         for i in np.flatnonzero(np.isfinite(rise)):
