@@ -201,6 +201,26 @@ def test_a_heater_whose_name_says_nothing_is_of_the_sensor_that_follows_it(tmp_p
     assert heater.sensor == "tank_degc"
 
 
+def test_a_heater_is_of_the_sensor_that_is_the_same_at_each_switch_and_not_of_one_in_step_with_it(tmp_path: Path):
+    rising = np.arange(60) // 6 % 2 == 0
+    warmth = np.where(rising, 10.0 + 0.5 * (np.arange(60) % 6), 13.0 - 0.5 * (np.arange(60) % 6))
+    panel = 30.0 * (warmth - 11.5) + 8.0 * np.sin(np.arange(60.0) ** 2)
+    table = pd.DataFrame({"time": text(seconds(*(60.0 * np.arange(60)))), "panel [degC]": panel})
+    table["battery [degC]"], table["HTR_7"] = warmth, np.where(rising, "ON", "OFF")
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    assert load_scenario(tmp_path / "sat" / "scenario.yaml").network.heaters["htr_7"].sensor == "battery_degc"
+
+
+def test_a_heaters_name_without_vowels_is_its_nodes(tmp_path: Path):
+    names = ["UTC", "TT_TNK [degC]", "TT_STR [degC]", "TANK_HTR", "STAR_HTR"]
+    table = pd.DataFrame([[at, 20.0, 20.0 + k, "ON", "OFF"] for k, at in enumerate(text(seconds(0.0, 60.0, 120.0)))])
+    table.set_axis(names, axis=1).to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    heaters = load_scenario(tmp_path / "sat" / "scenario.yaml").network.heaters
+    assert (heaters["tank_htr"].sensor, heaters["star_htr"].sensor) == ("tt_tnk_degc", "tt_str_degc")
+
+
 def test_thresholds_are_what_the_sensor_reads_when_its_heater_switches(tmp_path: Path):
     rising = np.arange(60) // 6 % 2 == 0
     warmth = np.where(rising, 10.0 + 0.5 * (np.arange(60) % 6), 13.0 - 0.5 * (np.arange(60) % 6))

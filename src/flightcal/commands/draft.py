@@ -40,6 +40,8 @@ _LONGEST_COUNT = 4e9
 _ABOUT = 0.15
 _SHORTEST_WORD = 3
 """Letters that a heater's name and its node's have in common, such as bat of battery."""
+_EXACT = 0.1
+"""K by which what a sensor reads at its heater's switches differs anyway."""
 _ICE_POINT = 273.15
 _COLD, _WARM = -20, 60
 """degC, that stand for the lowest and the highest of raw readings."""
@@ -343,20 +345,33 @@ def _node_of(heater: str, nodes: Sequence[str]) -> str | None:
 
 
 def _switching(dataset: xarray.Dataset, heater: str, nodes: Sequence[str]) -> str:
-    """The node that is coldest when the heater comes on, and warmest when it goes off, in shares of all it shows."""
+    """The node that is coldest when the heater comes on, warmest when it goes off, and at each of them always the same.
+
+    The heat of an orbit moves other nodes in step with the heater, but not as exactly.
+    """
 
     def swing(node: str) -> tuple[float, float]:
-        on, off = _at_switches(dataset["time"].values, dataset[node].values, dataset[heater].values)
-        cold, warm = np.nanquantile(dataset[node].values, (0.05, 0.95))
+        kelvins = dataset[node].values
+        on, off, spread = _at_switches(dataset["time"].values, kelvins, dataset[heater].values)
+        cold, warm = np.nanquantile(kelvins, (0.05, 0.95))
         share = (off - on) / (warm - cold) if np.isfinite(on + off) and warm > cold else -1.0
-        return share, difflib.SequenceMatcher(None, heater, node).ratio()
+        return share / (spread + _EXACT) if share > 0.0 else share, difflib.SequenceMatcher(None, heater, node).ratio()
 
     return max(nodes, key=swing)
 
 
 def _begins_alike(one: str, other: str) -> int:
-    """How many letters two words begin with alike."""
-    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))
+    """How many letters two words begin with alike, or without their vowels: tank is tnk."""
+    ones, others = (one, _without_vowels(one)), (other, _without_vowels(other))
+    return max(sum(1 for _ in takewhile(_same, zip(*pair, strict=False))) for pair in zip(ones, others, strict=True))
+
+
+def _same(letters: tuple[str, str]) -> bool:
+    return letters[0] == letters[1]
+
+
+def _without_vowels(word: str) -> str:
+    return word[:1] + re.sub("[aeiou]", "", word[1:])
 
 
 def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
@@ -400,24 +415,25 @@ def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Str
 
 def _thresholds(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[str, str]:
     """Two thresholds, degC: what a channel reads when a status changes, else within what it shows."""
-    on, off = _at_switches(times, kelvins, status)
+    on, off, _ = _at_switches(times, kelvins, status)
     low, high = (on, off) if on < off else np.nanquantile(kelvins - _ICE_POINT, (0.1, 0.5))
     return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
 
 
-def _at_switches(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[float, float]:
-    """What a channel reads, degC, when a status becomes on, and off; NaN: it does not become both.
+def _at_switches(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[float, float, float]:
+    """What a channel reads, degC, when a status becomes on, and off, and K by which that differs from time to time.
 
-    The two may come in packets of their own, at different times.
+    NaN: it does not become both. The two may come in packets of their own, at different times.
     """
     read, known = np.isfinite(kelvins), np.isfinite(status)
     turns = np.diff((status[known] > 0.5).astype(int))
     if not ((turns > 0).any() and (turns < 0).any()):
-        return np.nan, np.nan
+        return np.nan, np.nan, np.nan
     seconds = (times - times[0]) / np.timedelta64(1, "s")
     then = np.interp(seconds[known], seconds[read], kelvins[read] - _ICE_POINT)[1:]
-    on, off = (float(np.median(then[turns == sign])) for sign in (1, -1))
-    return on, off
+    at = [then[turns == sign] for sign in (1, -1)]
+    on, off = (float(np.median(own)) for own in at)
+    return on, off, sum(float(np.ptp(np.quantile(own, (0.25, 0.75)))) for own in at)
 
 
 def _slug(text: str) -> str:
