@@ -35,14 +35,14 @@ def run_only(monkeypatch):
     monkeypatch.setattr(sys.modules["flightcal.check.suspects"], "prepared", lambda *_: None)
 
 
-def named(scenario, data):
-    found = suspects(build_problem(scenario, data), data)
+def named(scenario, data, prior_runs=None):
+    found = suspects(build_problem(scenario, data), data, prior_runs)
     print([(own.title, own.nats) for own in found.found], found.why_not)
     return found
 
 
-def ensemble_at(problem, data):
-    runs = PriorRuns(problem)
+def ensemble_at(problem, data, prior_runs=None):
+    runs = prior_runs or PriorRuns(problem)
     return ensemble_of(problem, data, runs.thetas, runs.runs)
 
 
@@ -89,14 +89,15 @@ def test_a_heater_that_never_switches_in_the_simulator_is_named(scene, run_only)
 
 @pytest.fixture(scope="module")
 def program():
-    """A program, and telemetry that it has made with other numbers."""
+    """A program, telemetry that it has made with other numbers, and runs at draws of the prior."""
     scenario = load_scenario(EXAMPLE)
-    return scenario, read(scenario)
+    data = read(scenario)
+    return scenario, data, PriorRuns(build_problem(scenario, data))
 
 
 def test_a_clock_is_named_beside_a_program(program):
-    scenario, data = program
-    assert named(scenario, data).found == ()
+    scenario, data, prior_runs = program
+    assert named(scenario, data, prior_runs).found == ()
     late = {name: data[name].shift(time=8) for name in ("instrument_temperature", "battery_temperature")}
     first = named(scenario, spoilt(data, **late)).found[0]
     assert (first.kind, first.about) == ("clock", "time")
@@ -104,8 +105,8 @@ def test_a_clock_is_named_beside_a_program(program):
 
 
 def test_a_time_offset_is_advised_only_where_one_can_be_written(program, scene):
-    for (scenario, data), advised in ((program, False), (scene, True)):
-        ensemble = ensemble_at(build_problem(scenario, data), data)
+    for (scenario, data, prior_runs), advised in ((program, False), ((*scene, None), True)):
+        ensemble = ensemble_at(build_problem(scenario, data), data, prior_runs)
         advice = [own.words.advice for own in channel_clocks(ensemble)]
         assert advice
         assert all(("time_offset" in own) == advised for own in advice)

@@ -97,17 +97,20 @@ class Ensemble(Comparison):
         """[R] K beside other telemetry [t, N]: what a channel reads first says where its node begins."""
         if observed is self.observed:
             return self.modelled
+        return self.modelled + self.begun @ np.nan_to_num(self._beginnings(observed) - self._begins)
+
+    @cached_property
+    def _begins(self) -> FloatArray:
+        """[N] K, where nodes begin as the telemetry has it."""
+        return self._beginnings(self.observed)
+
+    def _beginnings(self, observed: FloatArray) -> FloatArray:
+        """[N] K, where the nodes of channels begin by other telemetry [t, N]; NaN where that does not tell it."""
         since = self.window.first_sample + self.rows.seconds
-        now, then = (
-            initial_priors(self.problem.scenario, self.channels, since, own) for own in (self.observed, observed)
-        )
-        moved = np.zeros(len(self.channels))
-        for k, channel in enumerate(self.channels):
-            observation = self.window.scenario.observations[channel]
-            name = f"initial.{observation.node or observation.output}"
-            if name in now and name in then:
-                moved[k] = getattr(then[name], "mean", 0.0) - getattr(now[name], "mean", 0.0)
-        return self.modelled + self.begun @ moved
+        priors = initial_priors(self.problem.scenario, self.channels, since, observed)
+        observations = [self.window.scenario.observations[channel] for channel in self.channels]
+        names = [f"initial.{own.node or own.output}" for own in observations]
+        return np.array([getattr(priors.get(name), "mean", np.nan) for name in names])
 
     @cached_property
     def follows(self) -> FloatArray:
@@ -209,13 +212,13 @@ def _by_chance(ensemble: Ensemble, wrong: Wrong) -> float:
     most = 0.0
     for drawn in ensemble.simulated[half : half + _NULLS]:
         read = drawn[ensemble.rows.kept] + ensemble.rows.noise * rng.standard_normal(shape)
-        nothing = _fit(expected, around, read).evidence
+        nothing = _evidence(expected, around, read)
         for late in shifts:
             moved = read.copy()
             for k in late_ones:
                 noise = ensemble.rows.noise[k] * rng.standard_normal(len(seconds))
                 moved[:, k] = np.interp(seconds + late, ensemble.seconds, drawn[:, k]) + noise
-            most = max(most, _fit(expected, around, moved).evidence - nothing)
+            most = max(most, _evidence(expected, around, moved) - nothing)
     return most
 
 
@@ -265,6 +268,11 @@ def _fit(ensemble: Ensemble, around: Gaussian, observed: FloatArray, wrong: Wron
     names = ensemble.problem.names
     off = [abs(float(own)) for name, own in zip(names, moved, strict=True) if not name.startswith("initial.")]
     return replace(fit, farthest=max([fit.farthest, *off]))
+
+
+def _evidence(ensemble: Ensemble, around: Gaussian, observed: FloatArray) -> float:
+    """That of `_fit` with nothing wrong."""
+    return around.evidence(ensemble.flat(observed) - ensemble.expected(observed))
 
 
 def _is_nearer(ensemble: Ensemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
