@@ -5,9 +5,12 @@ import signal
 import threading
 
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
-# Tests run side by side; threads of linear algebra, which NumPy starts when it is imported, would spin.
+# Tests run side by side; threads of linear algebra would spin, and take four times the time. What other processes and
+# SciPy load reads the environment; NumPy has been loaded by now, by plugins of pytest.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+threadpool_limits(int(os.environ["OPENBLAS_NUM_THREADS"]))
 
 # No test is timed: a first example may import or compile.
 settings.register_profile("flightcal", deadline=None)
