@@ -3,7 +3,7 @@
 import numpy as np
 
 from flightcal.report.style import polygons
-from flightcal.report.thinning import break_lines, changes, extremes, stretches
+from flightcal.report.thinning import break_lines, changes, extremes, followed, stretches
 
 
 def times(size: int) -> np.ndarray:
@@ -34,6 +34,38 @@ def test_missing_samples_are_never_extremes():
     series = np.where(np.arange(10_000) % 2, np.nan, np.arange(10_000.0))
     kept = extremes([series], 50)
     assert np.isfinite(series[kept[1:-1]]).all()
+
+
+def drawn(time, kept, values):
+    return np.interp(time.astype(float), time[kept].astype(float), values[kept])
+
+
+def test_lines_go_where_those_of_all_samples_go_with_few_of_them():
+    time = np.sort(np.random.default_rng(1).choice(times(20_000), 5_000, replace=False))
+    hours = (time - time[0]) / np.timedelta64(1, "h")
+    # A steep rise after each eclipse, and an interval that is wide once.
+    mean = 20.0 * np.abs(np.sin(hours)) + 5.0 * (hours % 1.6 < 0.6)
+    upper = mean + 1.0 + 9.0 * (np.abs(hours - 100.0) < 0.5)
+    kept = followed(time, [mean, upper], 3_000)
+    assert kept.size < 3_000
+    for values in (mean, upper):
+        assert np.abs(drawn(time, kept, values) - values).max() <= 0.003 * np.ptp([mean, upper]) * (1.0 + 1e-9)
+
+
+def test_lines_are_nearest_where_so_many_points_are_not_enough():
+    time, noise = times(10_000), np.random.default_rng(2).normal(size=10_000)
+    noise[[3_000, 7_000]] = 40.0, -50.0
+    kept = followed(time, [noise], 200)
+    assert kept.size == 200
+    assert {0, 3_000, 7_000, 9_999} <= set(kept.tolist())
+
+
+def test_lines_keep_both_sides_of_what_is_missing():
+    values = np.linspace(0.0, 1.0, 1_000)
+    values[300:320] = np.nan
+    assert {299, 300, 319, 320} <= set(followed(times(1_000), [values], 100).tolist())
+    assert followed(times(90), [np.full(90, np.nan)], 100).size == 90
+    assert followed(times(900), [np.full(900, np.nan)], 100).tolist() == [0, 899]
 
 
 def test_step_lines_keep_both_sides_of_every_change():

@@ -24,6 +24,7 @@ from ..report import (
     break_lines,
     extremes,
     finish,
+    followed,
     heat_map,
     labelled,
     number,
@@ -172,7 +173,7 @@ def figure_predictive(window: Window, found: Bands) -> go.Figure:
     figure = time_canvas(list(channels), [CHANNEL_HEIGHT] * len(channels))
     for k in range(len(channels)):
         columns = [row[:, k] + CELSIUS for row in (*found.quantiles, *found.model)]
-        time, columns = break_lines(window.times, extremes(columns, _BINS), columns)
+        time, columns = break_lines(window.times, followed(window.times, columns, 6 * _BINS), columns)
         for name, low, high, colour in (
             ("95% of the prior, noise and discrepancy included", columns[0], columns[2], BAND),
             ("99% of the simulations", columns[3], columns[4], MODEL_BAND),

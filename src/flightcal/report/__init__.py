@@ -13,7 +13,7 @@ from .run_files import ParameterInfo, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
 from .tables import Cell, Table, interval
 from .text import labelled, listed, moment, number, percent, unit
-from .thinning import break_lines, extremes
+from .thinning import break_lines, extremes, followed
 from .validation_page import write_validation
 from .verdict import Verdict, verdict_of
 from .windows import CELSIUS, CHANNEL_HEIGHT, scatter, time_canvas

@@ -32,7 +32,7 @@ from .style import (
 )
 from .tables import Cell, Table
 from .text import count, duration, listed, moment, number, percent
-from .thinning import extremes
+from .thinning import extremes, followed
 from .windows import broken, column, names
 
 MOST_COLUMNS = 5
@@ -212,7 +212,7 @@ def _draw(
         mean, lower, upper, observed = (values - mean for values in (mean, lower, upper, observed))
     shown = "%{y:.2f} K" if less_mean else "%{y:.2f} °C"
     drawn, (x, middle, low, high) = broken(
-        prediction, extremes([mean, lower, upper], bins), [orbits, mean, lower, upper]
+        prediction, followed(time, [mean, lower, upper], 6 * bins), [orbits, mean, lower, upper]
     )
     # A break has no orbit count of its own.
     x = np.where(np.isfinite(x), x, np.interp(drawn.astype(float), time.astype(float), orbits))

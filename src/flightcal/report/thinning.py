@@ -1,7 +1,8 @@
-"""Fewer points for the eye: long series keep the extremes of every stretch, so that no peak is lost."""
+"""Fewer points for the eye: dots keep the extremes of every stretch, and lines go where those of all points go."""
 
 from __future__ import annotations
 
+import heapq
 import itertools
 from collections.abc import Sequence
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+_SEEN = 0.003
+"""Share of a plot's height by which a line may be off: less than the eye sees."""
 BREAK = 5.0
 """A step longer than so many nominal ones is a gap, across which no line is drawn."""
 
@@ -30,6 +33,41 @@ def extremes(columns: Sequence[Array], bins: int) -> Indices:
             part = column[start:end]
             if np.isfinite(part).any():
                 chosen |= {start + int(np.nanargmin(part)), start + int(np.nanargmax(part))}
+    return np.array(sorted(chosen), dtype=np.intp)
+
+
+def followed(time: NDArray[np.datetime64], columns: Sequence[Array], most: int) -> Indices:
+    """Indices of samples between which straight lines go where the columns [T] do, NaN where missing.
+
+    Of the samples that are left out the one farthest off comes next (Douglas and Peucker 1973, Cartographica 10, 112),
+    until none is off by more than the eye sees, or `most` are drawn.
+    """
+    size = len(time)
+    if size <= most:
+        return np.arange(size)
+    x = (time - time[0]).astype("timedelta64[ns]").astype(float)
+    y = np.stack(columns)
+    known = np.isfinite(y)
+    height = float(np.ptp(y[known])) if known.any() else 0.0
+    ends = np.flatnonzero((known[:, 1:] != known[:, :-1]).any(axis=0))
+    chosen = np.unique([0, *ends, *(ends + 1), size - 1]).tolist()
+
+    def farthest(start: int, end: int) -> tuple[float, int, int, int]:
+        """Minus how far the farthest sample in between is off, which it is, and the two."""
+        share = (x[start + 1 : end] - x[start]) / max(x[end] - x[start], 1.0)
+        straight = y[:, [start]] + (y[:, [end]] - y[:, [start]]) * share
+        off = np.nan_to_num(np.abs(y[:, start + 1 : end] - straight)).max(axis=0)
+        k = int(off.argmax())
+        return -float(off[k]), start + 1 + k, start, end
+
+    left = [farthest(start, end) for start, end in itertools.pairwise(chosen) if end - start > 1]
+    heapq.heapify(left)
+    while left and len(chosen) < most and -left[0][0] > _SEEN * height:
+        _, k, start, end = heapq.heappop(left)
+        chosen.append(k)
+        for one, other in ((start, k), (k, end)):
+            if other - one > 1:
+                heapq.heappush(left, farthest(one, other))
     return np.array(sorted(chosen), dtype=np.intp)
 
 

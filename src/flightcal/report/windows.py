@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from .style import ECLIPSE, TELEMETRY, UNKNOWN, band, finish, method, small_titles
-from .thinning import Array, Indices, break_lines, changes, extremes, stretches, usual_step
+from .thinning import Array, Indices, break_lines, changes, extremes, followed, stretches, usual_step
 
 CELSIUS = -273.15
 CHANNEL_HEIGHT, HEATER_HEIGHT, GAP = 190, 96, 44
@@ -168,7 +168,7 @@ def _dash(method: str, methods: Sequence[str]) -> str:
 
 def _line(figure: go.Figure, prediction: xr.Dataset, name: str, channel: str, row: int, bins: int, dash: str) -> None:
     mean = column(prediction, "mean", channel, name)
-    time, (mean,) = broken(prediction, extremes([mean], 3 * bins), [mean])
+    time, (mean,) = broken(prediction, followed(prediction["time"].values, [mean], 6 * bins), [mean])
     scatter(
         figure, row, time, mean, method(name).title, mode="lines",
         hovertemplate=f"%{{y:.2f}} {degrees(prediction)}",

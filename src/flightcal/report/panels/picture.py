@@ -22,6 +22,8 @@ MOST_HEATERS = 3
 MOST_OF_A_NAME = 24
 """Characters of a name beside which its title says more and fits on a phone."""
 HEIGHTS = Heights(channel=128, heater=40, gap=30)
+_LEAST = 50
+"""Stretches of a series of which the picture has the extremes, however many other plots the page has."""
 _WIDE, _LEAST_WIDE = 2.0, 5.0
 """Times as wide as a channel's readings vary in training, and K, from which an interval may say less than these."""
 _READINGS = 1_000
@@ -75,7 +77,7 @@ def panel(run: RunFiles) -> list[Block]:
             titles[name] += f": {percent(chosen.share[name], 0)} inside"
         if name == chosen.worst and chosen.typical is not None:
             titles[name] += f", worst of {window.sizes['channel']}"
-    figure = figure_stochastic(shown, bins(run) // 2, heights=HEIGHTS, titles=titles)
+    figure = figure_stochastic(shown, max(bins(run) // 2, _LEAST), heights=HEIGHTS, titles=titles)
     figure.update_layout(showlegend=False, margin={"t": 24})
     seen = "which was not trained on" if chosen.window in run.test_windows else "which was trained on"
     words = f"Window “{chosen.window}”, {seen}. Dots: telemetry. Line and band: predicted mean and {run.interval}."

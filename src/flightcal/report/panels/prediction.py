@@ -16,7 +16,7 @@ from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
 from ..style import BAND, MODEL_BAND, STOCHASTIC, band, polygons
 from ..text import letter, percent
-from ..thinning import extremes
+from ..thinning import followed
 from ..windows import (
     HEIGHTS,
     Heights,
@@ -106,7 +106,7 @@ def _stochastic(figure: go.Figure, prediction: xr.Dataset, channel: str, row: in
         column(prediction, "model_lower", channel),
         column(prediction, "model_upper", channel),
     ]
-    indices = extremes(columns[:3], bins)
+    indices = followed(prediction["time"].values, columns, 6 * bins)
     time, (mean, lower, upper, model_lower, model_upper) = broken(prediction, indices, columns)
     for name, low, high, colour in (
         (f"{share} interval", lower, upper, BAND),
