@@ -19,8 +19,13 @@ def correlated(rng, draws, samples, channels):
     return lfilter([1.0], [1.0, -RHO], fresh, axis=1)
 
 
+def replicated(observed, *prediction):
+    """Of samples a minute apart."""
+    return replicate(60.0 * np.arange(len(observed)), observed, *prediction)
+
+
 def holds(*prediction):
-    return hold_together([replicate(*prediction)])[0]
+    return hold_together([replicated(*prediction)])[0]
 
 
 def repeats(count, width=1.0, *, draws=300, samples=380, channels=4, seed=0):
@@ -46,8 +51,8 @@ def test_intervals_half_as_wide_hold_nearly_never():
 
 
 def test_intervals_twice_as_wide_hold_and_are_said_to_be_wide():
-    made = correlated(np.random.default_rng(1), 301, 1500, 2)
-    found = holds(made[0], np.ones(1500, bool), 2 * made[1:], 0.95)
+    made = correlated(np.random.default_rng(1), 301, 4000, 2)
+    found = holds(made[0], np.ones(4000, bool), 2 * made[1:], 0.95)
     assert found.holds
     assert found.too_wide.all()
 
@@ -75,14 +80,14 @@ def test_coverage_is_the_share_of_scored_samples_inside_the_interval_of_all_draw
     scored = np.arange(50) >= 10
     low, high = np.quantile(draws, [0.1, 0.9], axis=0)
     inside = (low <= observed) & (observed <= high)
-    found = replicate(observed, scored, draws, 0.8)
+    found = replicated(observed, scored, draws, 0.8)
     np.testing.assert_allclose(found.coverage, inside[10:].mean(axis=0))
     assert found.replicated.shape == (200, 2)
 
 
 def test_replicates_are_held_to_the_interval_of_the_other_draws():
     draws = np.random.default_rng(4).standard_normal((60, 7, 1))
-    found = replicate(np.zeros((7, 1)), np.ones(7, bool), draws, 0.9)
+    found = replicated(np.zeros((7, 1)), np.ones(7, bool), draws, 0.9)
     for s in range(60):
         low, high = np.quantile(np.delete(draws, s, axis=0), [0.05, 0.95], axis=0)
         assert found.replicated[s, 0] == pytest.approx(((low <= draws[s]) & (draws[s] <= high)).mean())
@@ -111,9 +116,37 @@ def test_a_window_that_lies_farther_off_than_any_draw_does_not_hold_even_if_its_
         assert 2.4 < found.most_error[1] < 4.5
 
 
+@pytest.mark.parametrize(("samples", "held"), [(0, True), (1, True), (4, True), (8, False)])
+def test_an_error_that_lasts_for_minutes_does_not_hold_and_a_spike_does(samples, held):
+    rng = np.random.default_rng(10)
+    # Slow errors, beside which neither coverage nor the error of all samples notices ten minutes.
+    draws = rng.standard_normal((1001, 1, 2)) + 0.1 * rng.standard_normal((1001, 600, 2))
+    observed, draws = draws[0].copy(), draws[1:]
+    observed[200 : 200 + samples, 1] += 15.0
+    found = holds(observed, np.ones(600, bool), draws, 0.95)
+    assert found.coverage[1] > found.lower[1]
+    assert found.error[1] < found.most_error[1]
+    assert found.holds == held
+    assert found.holds or found.worst == 1
+
+
+def test_an_error_lasts_for_five_samples_or_five_minutes():
+    observed = np.zeros((100, 1))
+    observed[40:52] = np.linspace(4.0, 9.0, 12)[:, None]
+    draws = np.random.default_rng(11).standard_normal((500, 100, 1))
+    z = np.abs(observed - draws.mean(axis=0)) / draws.std(axis=0, ddof=1)
+    for step, count in ((300.0, 5), (60.0, 5), (30.0, 10), (10.0, 30)):
+        found = replicate(step * np.arange(100), observed, np.ones(100, bool), draws, 0.95)
+        expected = max(z[k : k + count].min() for k in range(100 - count))
+        assert found.lasting == pytest.approx(expected)
+    few = replicate(np.arange(4.0), observed[:4], np.ones(4, bool), draws[:, :4], 0.95)
+    assert np.isnan(few.lasting).all()
+    assert np.isfinite(hold_together([few])[0].room).all()
+
+
 def test_errors_of_replicates_are_in_deviations_of_the_other_draws():
     draws = np.random.default_rng(9).standard_normal((60, 7, 1))
-    found = replicate(np.zeros((7, 1)), np.ones(7, bool), draws, 0.9)
+    found = replicated(np.zeros((7, 1)), np.ones(7, bool), draws, 0.9)
     for s in range(60):
         others = np.delete(draws, s, axis=0)
         z = (draws[s] - others.mean(axis=0)) / others.std(axis=0, ddof=1)
@@ -137,7 +170,7 @@ def test_windows_judged_together_have_wider_bands_than_one_alone():
     windows = []
     for _ in range(6):
         made = correlated(rng, 301, 300, 2)
-        windows.append(replicate(made[0], everything, made[1:], 0.95))
+        windows.append(replicated(made[0], everything, made[1:], 0.95))
     alone = [hold_together([window])[0].lower.mean() for window in windows]
     together = [found.lower.mean() for found in hold_together(windows)]
     assert np.mean(together) < np.mean(alone)

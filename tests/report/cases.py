@@ -21,7 +21,7 @@ from flightcal.report.masking import masked
 from flightcal.report.run_files import RunFiles
 
 from . import test_discrepancy, test_heat
-from .test_verdict import fitted, sampled
+from .test_verdict import fitted, sampled, seconds_of
 
 LONG = "battery_pack_temperature_of_the_inner_cells_near_the_radiator"
 
@@ -95,7 +95,7 @@ def errors_as_long_as_the_window(run):
         name: xr.where(stochastic, xr.DataArray(np.quantile(draws, tail, axis=0), dims=("time", "channel")), test[name])
         for name, tail in (("lower", 0.025), ("upper", 0.975))
     }
-    held = replicate(observed, test["scored"].values, draws, 0.95)
+    held = replicate(seconds_of(test), observed, test["scored"].values, draws, 0.95)
     made = test.assign(observed=(("time", "channel"), observed), **ends, **held.dataset().variables)
     return dataclasses.replace(right, windows=right.windows | {"test": made})
 

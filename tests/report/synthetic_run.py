@@ -176,7 +176,7 @@ def _window(
     counts = np.abs(np.diff(on, axis=1)).sum(axis=1)
     point_counts = np.abs(np.diff(point_on, axis=1)).sum(axis=1)
     duration = orbits * PERIOD
-    held = replicate(observed, seconds >= 600.0, whole, 0.95)
+    held = replicate(seconds, observed, seconds >= 600.0, whole, 0.95)
     all_methods = ("by", "time", "channel")
     return xr.Dataset(
         {

@@ -23,6 +23,11 @@ def sampled(run):
     return dataclasses.replace(run, diagnostics=run.diagnostics | {"passed": True, "gates": gates})
 
 
+def seconds_of(window):
+    time = window["time"].values
+    return (time - time[0]) / np.timedelta64(1, "s")
+
+
 def fitted(run, *, shifted=(), by=5.0):
     """The same with a right model: telemetry is a draw of the prediction, and shifted in these channels after all."""
     windows = {}
@@ -33,7 +38,7 @@ def fitted(run, *, shifted=(), by=5.0):
         observed = mean + deviation * rng.normal(size=mean.shape)
         if name != "train":
             observed[:, list(shifted)] += by
-        held = replicate(observed, window["scored"].values, draws, 0.95)
+        held = replicate(seconds_of(window), observed, window["scored"].values, draws, 0.95)
         windows[name] = window.assign(
             observed=(("time", "channel"), observed),
             **held.dataset().variables,

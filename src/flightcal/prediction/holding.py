@@ -2,7 +2,8 @@
 
 Samples that follow each other share their errors, so coverage scatters far more than that of independent samples. By
 how much depends on the window. The prediction's own draws tell: each of them is taken as if it were the telemetry.
-Where a whole window may lie outside its intervals by chance, coverage says nothing; how far outside it lies does.
+Where a whole window may lie outside its intervals by chance, coverage says nothing; how far outside it lies does, and
+how far off it is for some minutes on end.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Final
 import numpy as np
 import xarray
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d
 
 from ..simulator import FloatArray
 
@@ -22,6 +24,8 @@ HELD: Final = 0.99
 
 _TAIL: Final = 0.05
 """Share of a channel's replicates that tell how its coverage or error falls off."""
+_LASTS, _IN_A_ROW = 300.0, 5
+"""s, and samples, for which an error lasts that counts by itself: less may be a spike."""
 _LEAST: Final = 1e-18
 """K^2, of a prediction that is sure of itself."""
 
@@ -38,6 +42,11 @@ class Replicates:
     """[N] root mean square of the samples' distances from the mean, in deviations of the prediction; NaN likewise."""
     replicated_error: FloatArray
     """[S, N]."""
+    lasting: FloatArray
+    """[N] the largest distance from the mean that all samples of five minutes have, in deviations; NaN where there are
+    not so many."""
+    replicated_lasting: FloatArray
+    """[S, N]."""
 
     def dataset(self) -> xarray.Dataset:
         """As a window of prediction.nc keeps it."""
@@ -47,13 +56,18 @@ class Replicates:
                 "replicated": (("replicate", "channel"), self.replicated),
                 "error": ("channel", self.error),
                 "replicated_error": (("replicate", "channel"), self.replicated_error),
+                "lasting": ("channel", self.lasting),
+                "replicated_lasting": (("replicate", "channel"), self.replicated_lasting),
             }
         )
 
 
 def replicates_of(prediction: xarray.Dataset) -> Replicates:
-    """Those that a window of prediction.nc keeps."""
-    names = ("coverage", "replicated", "error", "replicated_error")
+    """Those that a window of prediction.nc keeps; without errors that last where an earlier version made it."""
+    if "lasting" not in prediction:
+        for name in ("error", "replicated_error"):
+            prediction = prediction.assign({name.replace("error", "lasting"): np.nan * prediction[name]})
+    names = ("coverage", "replicated", "error", "replicated_error", "lasting", "replicated_lasting")
     return Replicates(*(prediction[name].values for name in names))
 
 
@@ -71,15 +85,20 @@ class Holding:
     """[N] as in `Replicates`."""
     most_error: FloatArray
     """[N] that of a right prediction; NaN of a channel without samples."""
+    lasting: FloatArray
+    """[N] as in `Replicates`."""
+    most_lasting: FloatArray
+    """[N] that of a right prediction; NaN likewise."""
 
     @property
     def room(self) -> FloatArray:
-        """[N] how far a channel is from not holding: coverage above its band's lower end, error below its most."""
-        return np.minimum(self.coverage - self.lower, 1.0 - self.error / self.most_error)
+        """[N] how far a channel is from not holding: coverage above its band's lower end, errors below their most."""
+        of_errors = np.fmin(1.0 - self.error / self.most_error, 1.0 - self.lasting / self.most_lasting)
+        return np.minimum(self.coverage - self.lower, of_errors)
 
     @property
     def holds(self) -> bool:
-        """No channel's coverage is below its band, and no error above."""
+        """No channel's coverage is below its band, and no error above its most."""
         return not bool((self.room < 0.0).any())
 
     @property
@@ -93,11 +112,14 @@ class Holding:
         return np.asarray(self.coverage > self.upper)
 
 
-def replicate(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray, interval: float) -> Replicates:
+def replicate(
+    seconds: FloatArray, observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray, interval: float
+) -> Replicates:
     """Coverage by the central interval of draws [S, T, N], and errors, of telemetry [T, N] and of draws in its place.
 
-    observed: K, NaN where missing; scored: [T], samples that count; draws: K, noise included, at least 40; interval:
-    probability inside. A draw is held to the interval of all the others, for telemetry has no part in it either.
+    seconds: [T] since any time; observed: K, NaN where missing; scored: [T], samples that count; draws: K, noise
+    included, at least 40; interval: probability inside. A draw is held to the interval of all the others, for telemetry
+    has no part in it either.
     """
     tails = 0.5 * (1 - interval), 0.5 * (1 + interval)
     counted = np.isfinite(observed) & np.asarray(scored, bool)[:, None]
@@ -111,13 +133,26 @@ def replicate(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray
     # Distance from the mean of the others, and their variance.
     others = ((size - 1) * variance - own * size / (size - 1)).clip(_LEAST) / (size - 2)
     own *= (size / (size - 1)) ** 2 / others
+    lasting = np.stack([_lasting(seconds[k], np.vstack([off[k, n], own[:, k, n]])) for n, k in enumerate(counted.T)])
     with np.errstate(invalid="ignore"):
         return Replicates(
             inside.sum(axis=0) / samples,
             drawn.sum(axis=1) / samples,
             np.sqrt(np.where(counted, off, 0.0).sum(axis=0) / samples),
             np.sqrt(np.where(counted, own, 0.0).sum(axis=1) / samples),
+            lasting[:, 0],
+            lasting[:, 1:].T,
         )
+
+
+def _lasting(seconds: FloatArray, squares: FloatArray) -> FloatArray:
+    """The largest number [S] whose square all squares [S, T] of five minutes reach, one after another."""
+    steps = np.diff(seconds)
+    count = max(_IN_A_ROW, round(_LASTS / float(np.median(steps)))) if steps.size else _IN_A_ROW
+    if squares.shape[1] < count:
+        return np.full(len(squares), np.nan)
+    least = minimum_filter1d(squares, count, axis=1, mode="constant", cval=0.0)
+    return np.asarray(np.sqrt(least.max(axis=1)))
 
 
 def _lower_end(draws: FloatArray, probability: float) -> FloatArray:
@@ -136,29 +171,30 @@ def _lower_end(draws: FloatArray, probability: float) -> FloatArray:
 def hold_together(windows: Sequence[Replicates]) -> list[Holding]:
     """Whether intervals hold in every window: no coverage, of any channel, lies below its band, and no error above.
 
-    The bands are family-wise: of replicates drawn from the prediction 99% (`HELD`) have coverage and errors of all
-    channels of all windows inside. A replicate counts by its most extreme value, and a value by the replicate's rank in
-    it. Where channels are many, ranks alone cannot tell: of a thousand draws twenty are the lowest or highest in one of
-    ten channels. These are told apart by their distance from the next one. Rows of all windows are taken for the same
-    draws, as they are unless a simulation failed in some of the windows alone.
+    Errors are those of all samples, and the largest that lasts: a model without a slew is off for ten minutes, which
+    coverage hardly notices. The bands are family-wise: of replicates drawn from the prediction 99% (`HELD`) have
+    coverage and errors of all channels of all windows inside. A replicate counts by its most extreme value, and a value
+    by the replicate's rank in it. Where channels are many, ranks alone cannot tell: of a thousand draws twenty are the
+    lowest or highest in one of ten channels. These are told apart by their distance from the next one. Rows of all
+    windows are taken for the same draws, as they are unless a simulation failed in some of the windows alone.
 
     A perfect model's channel leaves the region of 90 to 100% often. With noise that is correlated over 20 min
     (AR(1)), samples a minute apart, 95% intervals and four channels the band ends at about 64% in a window of two
     orbits of 95 min, and at about 82% in one of eight.
     """
     size = min(len(window.replicated) for window in windows)
-    replicated = np.concatenate(
-        [np.stack([window.replicated[:size], window.replicated_error[:size]], axis=1) for window in windows], axis=2
-    )
-    known = np.isfinite(replicated).all(axis=(0, 1))
-    ends = np.full((2, 2, len(known)), np.nan)
-    ends[:, :, known] = np.reshape(_ends(replicated[:, :, known].reshape(size, -1)), (2, 2, -1))
+    of_windows = [(own.replicated, own.replicated_error, own.replicated_lasting) for own in windows]
+    replicated = np.concatenate([np.stack([part[:size] for part in own], axis=1) for own in of_windows], axis=2)
+    known = np.isfinite(replicated).all(axis=0)
+    ends = np.full((2, *known.shape), np.nan)
+    ends[:, known] = _ends(replicated[:, known])
     ends[:, 0] = ends[:, 0].clip(0.0, 1.0)
     found, at = [], 0
     for window in windows:
         own = slice(at, at := at + len(window.coverage))
-        lower, upper, most = ends[0, 0, own], ends[1, 0, own], ends[1, 1, own]
-        found.append(Holding(window.coverage, lower, upper, window.error, most))
+        (lower, *_), (upper, most_error, most_lasting) = ends[:, :, own]
+        errors = window.error, most_error, window.lasting, most_lasting
+        found.append(Holding(window.coverage, lower, upper, *errors))
     return found
 
 

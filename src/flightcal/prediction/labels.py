@@ -34,6 +34,8 @@ LABELS: Final[dict[str, tuple[str, str]]] = {
     "replicated": ("1", "the same share for draws of the prediction in the place of the telemetry"),
     "error": ("1", "root mean square of the telemetry's distances from the mean, in deviations of the prediction"),
     "replicated_error": ("1", "the same for draws of the prediction in the place of the telemetry"),
+    "lasting": ("1", "largest distance from the mean that lasts for five minutes, in standard deviations"),
+    "replicated_lasting": ("1", "the same for draws of the prediction in the place of the telemetry"),
     "noise": ("", "noise that is assumed"),
     "discrepant": ("", "whether a discrepancy is assumed"),
     "innovation": ("1", "residual without what is expected from the one before, in its deviations"),

@@ -86,7 +86,8 @@ def predict(
     ensemble = propagate(for_draws, inside, settings.interval, rng, errors, on=on, **of_heat)
     runs = window.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(window, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
-    replicated = replicate(window.observed, scored, ensemble.draws, settings.interval)
+    seconds = (window.times - window.times[0]) / np.timedelta64(1, "s")
+    replicated = replicate(seconds, window.observed, scored, ensemble.draws, settings.interval)
     prediction = prediction.merge(replicated.dataset())
     if errors is not None:
         fitted = ensemble.mean if heated is None or heated.fitted is None else heated.fitted

@@ -151,5 +151,7 @@ def _origin_record(name: str, prediction: xarray.Dataset, holding: Holding, chan
         "upper": holding.upper,
         "error": holding.error,
         "most_error": holding.most_error,
+        "lasting": holding.lasting,
+        "most_lasting": holding.most_lasting,
         "too_wide": [name for name, wide in zip(channels, holding.too_wide, strict=True) if wide],
     }

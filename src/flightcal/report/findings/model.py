@@ -110,7 +110,8 @@ def noise(run: RunFiles) -> Finding:
 
 def heat(run: RunFiles) -> list[Finding]:
     """How large the heat is that no block of the scenario describes."""
-    return [*_lasting_heat(run), *_wandering_heat(run)]
+    wandering = _wandering_heat(run)
+    return [*_lasting_heat(run, of="Unmodelled heat of every orbit" if wandering else "Unmodelled heat"), *wandering]
 
 
 def _wandering_heat(run: RunFiles) -> list[Finding]:
@@ -134,8 +135,8 @@ def _doubted_by_heat(run: RunFiles) -> tuple[str, ...]:
     return tuple(map(value_of, widened(run))) or ("values of parameters",)
 
 
-def _lasting_heat(run: RunFiles) -> list[Finding]:
-    """How large the heat is that comes again with the orbit."""
+def _lasting_heat(run: RunFiles, of: str) -> list[Finding]:
+    """How large the heat is that comes again with the orbit, which is called `of` where it is small."""
     if run.heat is None:
         return []
     found = [(own.node, own.share, own.allowed) for own in node_heats(run)]
@@ -169,7 +170,7 @@ def _lasting_heat(run: RunFiles) -> list[Finding]:
     if likely := max(node_heats(run), key=lambda own: own.most, default=None):
         text += f" Expected are up to {percent(likely.most)} ({likely.node}), which may as well be parameters."
     text += taken
-    title = "Unmodelled heat is small" if share <= LARGE else "Unmodelled heat is no larger than the scenario expects"
+    title = f"{of} is small" if share <= LARGE else f"{of} is no larger than the scenario expects"
     return [Finding("good", title, text)]
 
 

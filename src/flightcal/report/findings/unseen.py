@@ -48,7 +48,13 @@ def holding(run: RunFiles) -> Finding:
             if held.room[k] < 0.0:
                 failed[channel] = None
                 how = f"{percent(share)} inside"
-                if held.error[k] > held.most_error[k]:
+                if held.lasting[k] > held.most_lasting[k]:
+                    when, kelvins = _farthest(window, channel)
+                    how += f", {kelvins} K off at {when} and {held.lasting[k]:.0f} deviations for five minutes"
+                    said += (
+                        f", {held.lasting[k]:.1f} deviations off for five minutes (at most {held.most_lasting[k]:.1f})"
+                    )
+                elif held.error[k] > held.most_error[k]:
                     how += f" and {held.error[k]:.1f} deviations off"
                     said += f", {held.error[k]:.1f} deviations off (at most {held.most_error[k]:.1f})"
                 worst = min(worst, (name, f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[2])
@@ -119,6 +125,15 @@ def width(run: RunFiles) -> list[Finding]:
     state: State = "bad" if 2 * len(found) >= of_all else "warn"
     not_for = tuple(temperatures_of(own.channel) for own in found)
     return [Finding(state, title, text, details, not_for, CHECK)]
+
+
+def _farthest(window: xr.Dataset, channel: str) -> tuple[str, str]:
+    """When a channel is farthest off for its interval, UTC, and by how many K."""
+    own = window.sel(channel=channel)
+    mean, lower, upper = (own[name].sel({"by": "stochastic"}).values for name in ("mean", "lower", "upper"))
+    off = np.where(own["scored"].values, own["observed"].values - mean, np.nan)
+    k = int(np.nanargmax(np.abs(off) / (upper - lower)))
+    return f"{np.datetime_as_string(own['time'].values[k], unit='m').replace('T', ' ')} UTC", number(abs(off[k]), 2)
 
 
 def _outside(window: xr.Dataset) -> str:

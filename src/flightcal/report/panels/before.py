@@ -40,7 +40,10 @@ def panel(run: RunFiles) -> list[Block]:
             if method == "poorly_calibrated":
                 caption += poorly_in_words(window)
             if figure == 1 and window.sizes["time"] > 6 * bins(run):
-                caption += " Of a long series like this one, every figure shows the extremes of each stretch."
+                caption += (
+                    " Of a long series like this one, figures show a part: of dots the extremes of each stretch, of "
+                    "lines where they bend."
+                )
             blocks.append(block.figure(figure_point(window, [method], bins(run)), caption))
         else:
             blocks.append(block.note(f"Figure {figure}: the prediction has no method “{method}”."))

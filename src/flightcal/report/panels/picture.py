@@ -90,7 +90,11 @@ def panel(run: RunFiles) -> list[Block]:
 
 def holdings(run: RunFiles) -> dict[str, Holding]:
     """Whether intervals hold, by window that was not trained on, all together."""
-    windows = {name: window for name, window in run.test_windows.items() if "coverage" in window}
+    windows = {
+        name: window
+        for name, window in run.test_windows.items()
+        if "coverage" in window and has_prediction(window, "stochastic")
+    }
     if not windows:
         return {}
     return dict(zip(windows, hold_together([replicates_of(window) for window in windows.values()]), strict=True))
