@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from flightcal.prediction import ANY
+from flightcal.report.findings import model as of_model
 from flightcal.report.panels import convergence, heat, parameters, prediction, scores
 from flightcal.report.run_files import read_run
 
@@ -149,6 +150,30 @@ def test_heat_that_comes_and_goes_and_is_large_beside_the_flow_is_told(run, slow
     titles = [found.title for found in every_finding(own) if found.state == "warn"]
     assert ("Much of the unmodelled heat comes and goes: battery, 4% of what flows" in titles) == told
     assert (heat.sizes(heat.node_heats(own), None).state(1, 5) == "warn") == told
+
+
+@pytest.mark.parametrize(
+    ("target", "acts"),
+    [
+        ("nodes.battery.capacity", True),
+        ("conductors.structure-battery.conductance", True),
+        ("modes.imaging.battery", True),
+        ("heaters.line.power", True),
+        ("faces.top.absorptivity", False),
+        ("nodes.battery_box.capacity", False),
+        ("conductors.0.conductance", False),
+    ],
+)
+def test_what_acts_on_a_node_with_much_heat_is_doubted_first(run, monkeypatch, target, acts):
+    simulator = {"heaters": {"line": {"node": "battery"}}, "faces": {"top": {"node": "panel"}}, "conductors": [{}]}
+    first, *others = (dataclasses.replace(info, target=()) for info in run.parameters if info.kind == "parameter")
+    own = dataclasses.replace(first, target=(target,))
+    assert of_model._acts_on(own, {"battery"}, simulator) == acts
+    doubted = [*(info.name for info in others), first.name]
+    monkeypatch.setattr(of_model, "widened", lambda _: doubted)
+    known = dataclasses.replace(run, parameters=[*others, own], scenario=json.dumps({"simulator": simulator}))
+    named = [words.rpartition(" ")[2] for words in of_model._doubted_by_heat(known, {"battery"})]
+    assert named == ([first.name, *doubted[:-1]] if acts else doubted)
 
 
 def test_heat_that_wanders_no_more_than_its_prior_expects_is_not_told(run):

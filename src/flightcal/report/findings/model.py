@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..panels.discrepancy import STANDS_IN, stand_ins
 from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats, state
 from ..panels.parameters import MOST_NAMED, WIDER, shortened, widened
 from ..panels.residuals import TESTED, assumption, channels, correlation_expected, noises
-from ..run_files import RunFiles
+from ..run_files import ParameterInfo, RunFiles
 from ..text import duration, listed, number, percent
 from .finding import CHECK, Finding, State, value_of
 
@@ -127,12 +127,27 @@ def _wandering_heat(run: RunFiles) -> list[Finding]:
         "Nothing foresees such heat: on unseen orbits intervals are wide."
     )
     title = f"Much of the unmodelled heat comes and goes: {worst}, {percent(sizes[worst], 0)} of what flows"
-    return [Finding("warn", title, text, not_for=_doubted_by_heat(run), then=CHECK)]
+    return [Finding("warn", title, text, not_for=_doubted_by_heat(run, sizes), then=CHECK)]
 
 
-def _doubted_by_heat(run: RunFiles) -> tuple[str, ...]:
-    """What a run is not to be used for where much heat is unmodelled."""
-    return tuple(map(value_of, widened(run))) or ("values of parameters",)
+def _doubted_by_heat(run: RunFiles, nodes: Collection[str]) -> tuple[str, ...]:
+    """What a run is not to be used for where much heat of these nodes is unmodelled: first what acts on them."""
+    simulator = run.written.get("simulator") or {}
+    acting = [info.name for info in run.parameters if _acts_on(info, nodes, simulator)]
+    doubted = sorted(widened(run), key=lambda name: name not in acting)
+    return tuple(map(value_of, doubted)) or ("values of parameters",)
+
+
+def _acts_on(info: ParameterInfo, nodes: Collection[str], simulator: Mapping[str, Any]) -> bool:
+    """Whether a parameter is a number of one of these nodes, or of a link, mode, heater, load or face that has one."""
+    touched: set[str] = set()
+    for path in info.target:
+        block, *names = path.split(".")
+        touched |= {part for name in names for part in (name, *name.split("-"))}
+        blocks = simulator.get(block)
+        item = blocks.get(names[0]) if isinstance(blocks, Mapping) and names else None
+        touched |= {str(item.get("node"))} if isinstance(item, Mapping) else set()
+    return not touched.isdisjoint(nodes)
 
 
 def _lasting_heat(run: RunFiles, of: str) -> list[Finding]:
@@ -164,7 +179,8 @@ def _lasting_heat(run: RunFiles, of: str) -> list[Finding]:
             f"such as a load or a shadow.{taken}"
         )
         title = f"Unmodelled heat is large: {worst}, {percent(share, 0)} of what flows"
-        return [Finding("warn", title, text, not_for=_doubted_by_heat(run), then=CHECK)]
+        nodes = [name for name, share, allowed in found if state(share, allowed)]
+        return [Finding("warn", title, text, not_for=_doubted_by_heat(run, nodes), then=CHECK)]
     largest, share, _ = max(found, key=lambda own: own[1])
     text = f"The telemetry proves no more than {percent(share)} of the mean heat through any node ({largest})."
     if likely := max(node_heats(run), key=lambda own: own.most, default=None):
