@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from flightcal.calibration import Calibrated
 from flightcal.cli import USER_ERROR, app
-from flightcal.commands.diff import differences, in_deviations, in_unit_of
+from flightcal.commands.diff import _named, differences, in_deviations, in_unit_of
 from tests import small
 from tests.commands.kept_run import cells_of, change, write_kept
 
@@ -52,6 +52,23 @@ def test_what_differs_is_told(tmp_path):
     assert rows_of(output, "link")[0][-1] == "+3.5"  # 0.15 over 0.03 and the root of two
     assert rows_of(output, "extra") == [["extra, W/K", "-", "0.100 [0.0400, 0.160]", "-"]]
     assert ["test", "rmse", "K", "0.65", "0.8"] in rows_of(output, "rmse")
+
+
+def test_links_have_their_names_and_windows_of_other_times_come_first(tmp_path):
+    other = small.content()
+    other["simulator"]["nodes"]["body"]["initial"] = "14 degC"
+    other["simulator"]["conductors"][1]["radiative"] = "0.055 m^2"
+    other["windows"]["test"]["end"] = "2024-03-01T07:00:00"
+    output = diff(write_kept(tmp_path / "one"), write_kept(tmp_path / "two", scenario=other)).output
+    lines = [line.split(":")[0].strip() for line in output.splitlines() if " -> " in line]
+    assert lines == ["windows.test.end", "simulator.conductors.panel-space.radiative", "simulator.nodes.body.initial"]
+    assert "Scores of test are of different times in A and B." in output
+    assert "different times" not in diff(tmp_path / "one", tmp_path / "one").output
+
+
+def test_two_links_of_the_same_nodes_are_both_compared():
+    found = _named([{"between": ["a", "b"], "x": 1}, {"between": ["a", "b"], "x": 2}, {"name": "c", "between": []}])
+    assert list(found) == ["a-b", "a-b 2", "c"]
 
 
 def test_factors_are_compared_as_factors_of_the_same_numbers(tmp_path):

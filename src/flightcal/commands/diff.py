@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
@@ -124,7 +125,7 @@ def _print_answers(one: Kept, two: Kept, console: Console) -> None:
 
 def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> None:
     left, right = (_compared(run.scenario) for run in (one, two))
-    found = list(differences(left, right))
+    found = sorted(differences(left, right), key=lambda item: _weight(item[0]))
     same_data = sorted(one.provenance.get("inputs", {}).values()) == sorted(two.provenance.get("inputs", {}).values())
     if not same_data:
         found.append(("content of the input files", "", ""))
@@ -176,14 +177,40 @@ def _print_scores(one: Kept, two: Kept, console: Console) -> None:
             cells = ["-" if m is None or m.value is None else f"{m.value:.4g}" for m in pair]
             table.add_row(escape(place[0]), place[1], unit, *cells)
     console.print(table)
+    of_windows = [run.scenario.get("windows") or {} for run in (one, two)]
+    others = [name for name in of_windows[0] if of_windows[0][name] != of_windows[1].get(name, of_windows[0][name])]
+    if others:
+        say(console, f"Scores of {', '.join(others)} are of different times in A and B.")
 
 
 def _compared(scenario: Mapping[str, Any]) -> dict[str, Any]:
-    """A scenario without where its telemetry lies, for its content is compared; with no word on heat, the default's."""
+    """A scenario without where its telemetry lies, for its content is compared; with no word on heat, the default's.
+
+    Conductors have the names that parameters call them by.
+    """
     telemetry = deepcopy(scenario.get("telemetry", {}))
     for packet in (telemetry, *telemetry.get("packets", {}).values()):
         packet.pop("file", None)
-    return {**scenario, "telemetry": telemetry, "heat": scenario.get("heat") or "default"}
+    simulator = dict(scenario.get("simulator") or {})
+    if "conductors" in simulator:
+        simulator["conductors"] = _named(simulator["conductors"])
+    return {**scenario, "simulator": simulator, "telemetry": telemetry, "heat": scenario.get("heat") or "default"}
+
+
+def _named(conductors: list[Any]) -> dict[str, Any]:
+    """Conductors by their labels; the second of a label has its number behind it."""
+    found: dict[str, Any] = {}
+    seen: Counter[str] = Counter()
+    for own in conductors:
+        label = str(own.get("name") or "-".join(map(str, own.get("between", ()))))
+        seen[label] += 1
+        found[label if seen[label] == 1 else f"{label} {seen[label]}"] = own
+    return found
+
+
+def _weight(place: str) -> int:
+    """Windows come first: scores are of other telemetry there. Where nodes begin comes last."""
+    return 0 if place.startswith("windows.") else 2 if place.endswith(".initial") else 1
 
 
 def _short(value: Any) -> str:
