@@ -176,6 +176,22 @@ def test_what_acts_on_a_node_with_much_heat_is_doubted_first(run, monkeypatch, t
     assert named == ([first.name, *doubted[:-1]] if acts else doubted)
 
 
+@pytest.mark.parametrize("measured", [True, False])
+def test_the_duty_of_a_heater_without_a_status_is_doubted_beside_much_heat_in_its_node(run, measured):
+    simulator = {"heaters": {"battery_heater": {"node": "battery"}, "payload_heater": {"node": "payload"}}}
+    own = dataclasses.replace(made(run, slow=0.4), scenario=json.dumps({"simulator": simulator}))
+    own.__dict__["heat"] = made(run, slow=0.4).heat
+    if not measured:
+        nothing = {name: window.assign(observed_duty_cycle=np.nan * window["observed_duty_cycle"])
+                   for name, window in own.windows.items()}  # fmt: skip
+        heated = own.heat
+        own = dataclasses.replace(own, windows=nothing)
+        own.__dict__["heat"] = heated
+    doubted = [limit for found in of_model.heat(own) for limit in found.not_for]
+    assert ("the duty cycle of battery_heater" in doubted) == (not measured)
+    assert "the duty cycle of payload_heater" not in doubted
+
+
 def test_heat_that_wanders_no_more_than_its_prior_expects_is_not_told(run):
     battery = heat.node_heats(made(run, slow=1.2))[1]
     assert battery.wandering == pytest.approx(0.12, rel=0.05)

@@ -26,6 +26,9 @@ _TAIL: Final = 0.05
 """Share of a channel's replicates that tell how its coverage or error falls off."""
 _LASTS, _IN_A_ROW = 300.0, 5
 """s, and samples, for which an error lasts that counts by itself: less may be a spike."""
+_TAILS: Final = 1.5
+"""Times as large as a right prediction's, up to which such an error is of no practical weight: real errors have longer
+tails than the noise that is assumed."""
 _LEAST: Final = 1e-18
 """K^2, of a prediction that is sure of itself."""
 
@@ -88,7 +91,7 @@ class Holding:
     lasting: FloatArray
     """[N] as in `Replicates`."""
     most_lasting: FloatArray
-    """[N] that of a right prediction; NaN likewise."""
+    """[N] up to which it holds, half as much again as that of a right prediction; NaN likewise."""
 
     @property
     def room(self) -> FloatArray:
@@ -193,7 +196,7 @@ def hold_together(windows: Sequence[Replicates]) -> list[Holding]:
     for window in windows:
         own = slice(at, at := at + len(window.coverage))
         (lower, *_), (upper, most_error, most_lasting) = ends[:, :, own]
-        errors = window.error, most_error, window.lasting, most_lasting
+        errors = window.error, most_error, window.lasting, _TAILS * most_lasting
         found.append(Holding(window.coverage, lower, upper, *errors))
     return found
 

@@ -57,6 +57,11 @@ def temperatures_of(channel: str) -> str:
     return f"{_TEMPERATURES}{channel}"
 
 
+def duty_of(heater: str) -> str:
+    """What a run is not to be used for where a heater's duty cycle is in doubt."""
+    return f"the duty cycle of {heater}"
+
+
 def in_few_words(limits: Sequence[str]) -> str:
     """What a run is not to be used for, each once, and of many channels or values the first."""
     limits = list(dict.fromkeys(limits))

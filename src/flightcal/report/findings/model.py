@@ -6,18 +6,20 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from scipy.stats import chi2, norm
 
 from ...calibration import Calibrated, PriorScore
 from ...probability import INDEPENDENT
 from ...validation import ResidualCheck
 from ..panels.discrepancy import STANDS_IN, stand_ins
+from ..panels.duty import duties
 from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats, state
 from ..panels.parameters import MOST_NAMED, WIDER, shortened, widened
 from ..panels.residuals import TESTED, assumption, channels, correlation_expected, noises
 from ..run_files import ParameterInfo, RunFiles
 from ..text import duration, listed, number, percent
-from .finding import CHECK, Finding, State, value_of
+from .finding import CHECK, Finding, State, duty_of, value_of
 
 NARROWED = 1.3
 """Factor up to which residuals that are not quite the noise that is assumed are of no practical weight."""
@@ -131,11 +133,22 @@ def _wandering_heat(run: RunFiles) -> list[Finding]:
 
 
 def _doubted_by_heat(run: RunFiles, nodes: Collection[str]) -> tuple[str, ...]:
-    """What a run is not to be used for where much heat of these nodes is unmodelled: first what acts on them."""
+    """What a run is not to be used for where much heat of these nodes is unmodelled: first what acts on them.
+
+    A heater there whose status is not measured may be on for longer or shorter, and the heat make up for it.
+    """
     simulator = run.written.get("simulator") or {}
+    heaters = simulator.get("heaters")
+    there = [name for name, own in heaters.items() if own.get("node") in nodes] if isinstance(heaters, Mapping) else []
     acting = [info.name for info in run.parameters if _acts_on(info, nodes, simulator)]
     doubted = sorted(widened(run), key=lambda name: name not in acting)
-    return tuple(map(value_of, doubted)) or ("values of parameters",)
+    return (*_unmeasured(run, there), *(tuple(map(value_of, doubted)) or ("values of parameters",)))
+
+
+def _unmeasured(run: RunFiles, heaters: Collection[str]) -> list[str]:
+    """The duty cycles of those of these heaters whose status is not measured."""
+    found = [own.heater for own in duties(run) if own.heater in heaters and not np.isfinite(own.measured)]
+    return list(map(duty_of, dict.fromkeys(found)))
 
 
 def _acts_on(info: ParameterInfo, nodes: Collection[str], simulator: Mapping[str, Any]) -> bool:
@@ -236,6 +249,8 @@ def prior_conflict(run: RunFiles) -> Finding:
             f"Telemetry and prior are in conflict: {_out_by(believed, named)}. Either the prior is wrong, or the "
             "parameter makes up for something else that is, such as a clock, an attitude, a unit or a missing heater."
         )
+        targets = {info.name: info.target for info in run.parameters}
+        heaters = [path.split(".")[1] for name in named for path in targets[name] if path.startswith("heaters.")]
         not_for = tuple(value_of(name) for name in named if kinds[name] != "time")
         if len(not_for) < len(named):
             text += (
@@ -243,6 +258,7 @@ def prior_conflict(run: RunFiles) -> Finding:
                 "tags, or write how far they may be off, such as 'time_error: 30 s'."
             )
             not_for = ("intervals of parameters", *not_for)
+        not_for = (*_unmeasured(run, heaters), *not_for)
         return Finding(state, _far_title(believed, named), text, not_for=not_for, then=CHECK)
     starts = _conflict({name: out_by[name] for name in guessed})
     if starts is not None:

@@ -13,7 +13,7 @@ from ..panels.picture import holdings, wide_intervals
 from ..panels.prediction import unseen, unseen_share
 from ..run_files import RunFiles
 from ..text import listed, number, percent
-from .finding import AGAIN, CHECK, Finding, State, temperatures_of
+from .finding import AGAIN, CHECK, Finding, State, duty_of, temperatures_of
 
 STRIKING = 0.6
 """Share inside the interval that no reader takes for 95%, though errors as long as the window can make it by chance."""
@@ -184,7 +184,7 @@ def heaters(run: RunFiles) -> list[Finding]:
                 f"{f', which contains {contents}' if contents else ''}. "
                 f"All together leave a right prediction's bands with {1.0 - CLOSED:.0%} probability:",
                 details,
-                tuple(f"the duty cycle of {own.heater}" for own in outside),
+                tuple(duty_of(own.heater) for own in outside),
                 CHECK if outside else "",
             )
         )
