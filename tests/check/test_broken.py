@@ -7,7 +7,7 @@ import pytest
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
-from flightcal.check.broken import broken
+from flightcal.check.broken import broken, stuck_throughout
 from flightcal.scenario import load_scenario
 from flightcal.scenario.telemetry import Span
 from flightcal.telemetry import read
@@ -30,6 +30,20 @@ def found(values, modelled=MODELLED):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_sound_sensor_is_not_broken(seed):
     assert found(telemetry(seed=seed)) is None
+
+
+def test_a_sensor_that_shows_one_number_in_all_of_another_window_is_stuck():
+    flat = np.full(200, 290.0)
+    flat[50] = np.nan
+    found = stuck_throughout("body_temp", TIMES, flat, telemetry())
+    assert (found.kind, found.useless.sum()) == ("stuck", 199)
+    assert "in all 199 samples" in found.sentence
+    assert stuck_throughout("body_temp", TIMES, telemetry(seed=1), telemetry()) is None
+    # A node that hardly moves, or is seen too seldom, rests.
+    assert stuck_throughout("body_temp", TIMES, flat, 290.0 + 0.05 * (telemetry() - 290.0)) is None
+    assert stuck_throughout("body_temp", TIMES[:90], flat[:90], telemetry()) is None
+    half = np.append(telemetry()[:100], np.full(100, 290.0))
+    assert stuck_throughout("body_temp", TIMES, flat, half) is None
 
 
 def test_a_coarse_sensor_without_noise_is_not_broken():

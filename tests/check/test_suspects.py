@@ -57,6 +57,17 @@ def test_a_status_that_is_always_off_is_told_by_its_thresholds(flown):
     assert (first.kind, first.about) == ("thermostat", "heater")
 
 
+def test_a_channel_that_is_stuck_in_the_window_to_test_on_is_named_there_too(flown):
+    scenario, data = flown
+    values = data["panel_temp"].to_numpy().copy()
+    start = int(np.searchsorted(data["time"].to_numpy(), np.datetime64("2024-03-01T02:00:00")))
+    values[start:] = values[start]
+    told = [own for own in named(scenario, spoilt(data, panel_temp=values)) if own.kind == "stuck"]
+    assert [own.about for own in told] == ["panel_temp", "panel_temp"]
+    assert "in all" in told[1].sentence
+    assert "03:30" in told[1].advice or "03:29" in told[1].advice
+
+
 def test_a_status_that_never_changes_is_told_where_its_thermostat_acts(flown):
     scenario, data = flown
     found = named(scenario, spoilt(data, heater_status=0.0 * data["heater_status"]))

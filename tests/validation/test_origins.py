@@ -50,6 +50,19 @@ def test_an_origin_trains_up_to_its_time_and_predicts_to_the_horizon_or_the_tele
     assert np.datetime64(own.windows["train"].end) == np.datetime64(own.windows["ahead"].start)
 
 
+def test_origins_stand_beside_passes_where_samples_come_in_passes_alone(scenario):
+    hours = (scenario[1]["time"].values - small.START) / HOUR
+    data = without(scenario[1], 0.0, 0.0)
+    for channel in ("body_temp", "panel_temp"):
+        # Ten minutes of every three hours, two orbits of 90 min each.
+        data[channel].values[hours % 3.0 >= 1 / 6] = np.nan
+    plan = plan_origins(scenario[0], data, 4, train=6 * 3600.0)
+    assert len(plan.origins) == 4
+    # The next pass begins within an orbit.
+    assert (-hours_of(plan) % 3.0 <= 1.5).all()
+    assert any("orbit after has less than half as many samples as usual" in line for line in plan.skipped)
+
+
 def test_lengths_can_be_chosen(scenario):
     plan = plan_origins(*scenario, 4, train=5400.0, horizon=7200.0)
     assert hours_of(plan)[0] == pytest.approx(1.5, abs=0.1)
@@ -63,7 +76,7 @@ def test_no_origin_stands_where_training_or_the_orbit_after_are_mostly_gaps(scen
     # Half of an orbit must be there after it, and half of two orbits before.
     assert not ((hours > 9.3) & (hours < 17.4)).any()
     assert len(plan.skipped) == 2
-    assert "orbit after has less than half of its samples" in plan.skipped[0]
+    assert "orbit after has less than half as many samples as usual" in plan.skipped[0]
     assert "training before has less than half" in plan.skipped[1]
 
 

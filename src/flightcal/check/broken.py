@@ -213,6 +213,26 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
     )  # fmt: skip
 
 
+def stuck_throughout(
+    channel: str, times: NDArray[np.datetime64], values: FloatArray, elsewhere: FloatArray
+) -> Broken | None:
+    """A channel whose samples [T] K are all the same, where half as many of another window, `elsewhere` [S] K, move."""
+    valid = np.isfinite(values)
+    own, known = values[valid], elsewhere[np.isfinite(elsewhere)]
+    if min(len(own), len(known)) < _STUCK or len(own) < len(known) // 2 or np.ptp(own) > 0.0:
+        return None
+    moves = min(float(np.ptp(half)) for half in np.array_split(known, 2))
+    if moves < max(_MOVES, 4.0 * step_of(known)):
+        return None
+    at = times[valid]
+    return Broken(
+        "stuck", channel, f"{channel} is stuck",
+        f"It reads {number(float(own[0]) - ICE_POINT, 4)} degC in all {len(own)} samples from {moment(at[0])} UTC to "
+        f"{moment(at[-1])} UTC; in the window to train on it moves by {number(moves, 2)} K.",
+        _leave_out(channel, at, valid[valid]), valid,
+    )  # fmt: skip
+
+
 def _usual_move(own: FloatArray, first: int, end: int, count: int) -> float:
     """K, by which a channel [t] moves in `count` samples beside a stretch; 0 where it rests or the stretch is most."""
     sides = [side for side in (own[:first], own[end:]) if len(side) >= count]

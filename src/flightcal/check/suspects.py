@@ -21,7 +21,7 @@ from ..run import Run, Stage, plain, read_json, typed
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import select_window
 from .black_box import Ensemble, compared_by_runs, ensemble_of, no_temperatures, told_by_status
-from .broken import Broken, broken
+from .broken import Broken, broken, stuck_throughout
 from .evaluate import PriorRuns
 from .evidence import climbed
 from .jumps import Jump, in_words, jumps
@@ -62,7 +62,7 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns 
     except (FlightcalError, SimulationFailure) as error:
         view, why_not = None, str(error)
     seen = _seen(window.simulator.channels, window.times, window.observed, modelled)
-    of_channels = [*seen, *_elsewhere(problem, telemetry)]
+    of_channels = [*seen, *_elsewhere(problem, telemetry, seen)]
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in of_channels]
     found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
     found += [Suspicion("thresholds exchanged", pair, *astuple(words)) for pair, words in exchanged(window)]
@@ -87,9 +87,12 @@ def _seen(
     return [own for own in looks if own is not None]
 
 
-def _elsewhere(problem: Problem, telemetry: xarray.Dataset) -> Iterator[Broken]:
-    """What channels show by themselves in all windows but the first to train on."""
+def _elsewhere(problem: Problem, telemetry: xarray.Dataset, seen: list[Broken]) -> Iterator[Broken]:
+    """What channels show by themselves in all windows but the first to train on, of which this is seen."""
     scenario, first = problem.scenario, problem.windows[0]
+    useful = first.observed.copy()
+    for broken_one in seen:
+        useful[broken_one.useless, first.simulator.channels.index(broken_one.channel)] = np.nan
     for name, own in scenario.windows.items():
         if name == first.name:
             continue
@@ -99,7 +102,12 @@ def _elsewhere(problem: Problem, telemetry: xarray.Dataset) -> Iterator[Broken]:
             continue
         channels = first.simulator.channels
         values = np.stack([samples[channel].to_numpy() for channel in channels], axis=1)
-        yield from _seen(channels, samples["time"].to_numpy(), values, np.full(values.shape, np.nan))
+        times = samples["time"].to_numpy()
+        yield from _seen(channels, times, values, np.full(values.shape, np.nan))
+        for k, channel in enumerate(channels):
+            found = stuck_throughout(channel, times, values[:, k], useful[:, k])
+            if found is not None:
+                yield found
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:

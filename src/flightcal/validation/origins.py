@@ -21,7 +21,7 @@ AHEAD: Final = "ahead"
 """Window that begins at an origin."""
 
 _FEWEST: Final = 0.5
-"""Share of the samples that a stretch must have."""
+"""Share of the usual number of samples that a stretch must have."""
 _CANDIDATES: Final = 100
 _PARTS: Final = 24
 """Of an orbit, by which a prediction is made shorter."""
@@ -81,7 +81,8 @@ def plan_origins(
 ) -> Plan:
     """So many origins, spread evenly over the telemetry where there can be one.
 
-    There, training and the orbit after it have half of their samples or more, and all measured drivers can be bridged.
+    There, training and the orbit after it have half as many samples as such stretches have on average, or more, and all
+    measured drivers can be bridged. Where samples come in passes alone, an orbit without a pass has none.
     train: length of the training, s; default: that of the scenario's training windows together. horizon: s; default:
     four times as long. A prediction ends there, at the telemetry's end, or where a driver has a gap that cannot be
     bridged. Raises RunError where no origin can stand, or fewer samples than one prediction needs.
@@ -96,14 +97,15 @@ def plan_origins(
     times = telemetry["time"].values[present]
     spacing = usual_interval(times) if len(times) > 1 else float(telemetry.attrs["sampling_interval_s"])
     drivers = measured_drivers(scenario)
+    # s for each sample, gaps and times between passes included.
+    usual = spacing if len(times) < 2 else float((times[-1] - times[0]) / np.timedelta64(1, "s")) / (len(times) - 1)
 
     def reason(at: np.datetime64) -> str:
         """Why there can be no origin; "": there can."""
         for words, begin, end in (("training before", -train, 0.0), ("orbit after", 0.0, period)):
             inside = (times >= at + _span(begin)) & (times < at + _span(end))
-            share = inside.sum() * spacing / (end - begin)
-            if share < _FEWEST:
-                return f"the {words} has less than half of its samples"
+            if inside.sum() * usual < _FEWEST * (end - begin):
+                return f"the {words} has less than half as many samples as usual"
             if not _bridged(scenario, telemetry, drivers, at + _span(begin), at + _span(end), period):
                 return f"a measured driver has a gap in the {words} that cannot be bridged"
         return ""
