@@ -1,13 +1,14 @@
 """What a check says in words, of problems whose faults are known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flightcal.check import check
 from flightcal.check.evaluate import THOROUGH
-from flightcal.check.findings import findings_of, verdict_of
+from flightcal.check.findings import _moved, findings_of, verdict_of
 from flightcal.check.identifiability import Combination, Move
 from flightcal.check.page import _prior
 from flightcal.report.verdict import Finding
@@ -172,3 +173,10 @@ def test_sensitivities_of_runs_that_failed_say_so(level):
     failed = replace(level.sensitivity, runs=20, failed=10)
     text = found_in(findings_of(replace(level, sensitivity=failed)), "Sensitivities are not known").text
     assert text == "Too few simulations finished."
+
+
+@pytest.mark.parametrize(("offset", "words"), [(0.0, "level +1.0%"), (-273.15, "level from 6.85 degC to 9.65 degC")])
+def test_a_move_of_a_temperature_is_told_in_degrees_and_not_in_percent_of_kelvins(offset, words):
+    info = replace(infos(grazing())[0], offset=offset)
+    checked = SimpleNamespace(info=lambda _: info, value=lambda _, si: f"{si + offset:.2f} degC")
+    assert _moved(checked, Move("level", 280.0, 282.8, 1.0)) == words

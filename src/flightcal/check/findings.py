@@ -323,8 +323,8 @@ def _trade(checked: Checked, combination: Combination) -> str:
 
 
 def _moved(checked: Checked, move: Move) -> str:
-    """A move in percent where that has a meaning, else from one value to another."""
-    if math.isfinite(move.exponent) and move.before > 0.0:
+    """A move in percent where that has a meaning, else from one value to another, such as of a threshold in degC."""
+    if math.isfinite(move.exponent) and move.before > 0.0 and checked.info(move.name).offset == 0.0:
         change = 100.0 * move.change
         return f"{move.name} {number(change, 2) if change < 0 else '+' + number(change, 2)}%"
     return f"{move.name} from {checked.value(move.name, move.before)} to {checked.value(move.name, move.after)}"
