@@ -1,6 +1,7 @@
 """Whether a run can be used, for what, and why; and with which exit code it ends."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from flightcal.calibration import EMULATOR_ERROR
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
 from flightcal.prediction.holding import replicate
 from flightcal.report.comparison_page import _covers
-from flightcal.report.findings import in_few_words
+from flightcal.report.findings import in_few_words, unseen
 from flightcal.report.findings.finding import value_of
 from flightcal.report.panels.picture import choose
 from flightcal.report.verdict import CONVERGED, HOLD, RIGHT, verdict_of
@@ -181,3 +182,21 @@ def test_an_interval_of_another_probability_is_called_so(run):
 @pytest.mark.parametrize(("nominal", "share", "right"), [(0.95, 0.91, True), (0.8, 0.7, True), (0.8, 0.98, False)])
 def test_a_comparison_s_coverage_is_held_to_its_interval(nominal, share, right):
     assert _covers(share, nominal) == right
+
+
+def test_where_a_window_is_short_for_its_errors_it_is_said_what_would_be_told(run):
+    right = fitted(run)
+    assert "as long as the window" not in unseen.holding(right).text
+    found = unseen.holding(errors_of_the_whole_window(right))
+    assert found.state == "good"
+    assert " In 3 of 3 cases errors may last as long as the window" in found.text
+    assert re.search(r"more than \d\.\d deviations on average or \d\.\d for five minutes is told", found.text)
+
+
+def errors_of_the_whole_window(run):
+    """A right model, each channel of which is off by as much throughout a window."""
+    test, rng = run.windows["test"], np.random.default_rng(4)
+    mean, deviation = (test[own].sel({"by": "stochastic"}).values for own in ("mean", "standard_deviation"))
+    draws = mean + deviation * (3.0 * rng.normal(size=(300, 1, 3)) + rng.normal(size=(300, *mean.shape)))
+    held = replicate(seconds_of(test), test["observed"].values, test["scored"].values, draws, 0.95)
+    return dataclasses.replace(run, windows=run.windows | {"test": test.assign(**held.dataset().variables)})

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
-from ...prediction import HELD
+from ...prediction import HELD, Holding
 from ..panels.duty import CLOSED, duties
 from ..panels.picture import holdings, wide_intervals
 from ..panels.prediction import unseen, unseen_share
@@ -79,6 +80,7 @@ def holding(run: RunFiles) -> Finding:
         return Finding("none", f"No sample of {over} is scored", text, tuple(details), ("unseen windows",))
     if not failed:
         if not few:
+            text = f"{text}{_told(list(judged.values()))}"
             return Finding("good", f"Intervals hold on {over}, in every channel", text, tuple(details))
         channel, (share, name) = min(few.items(), key=lambda own: own[1])
         title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
@@ -125,6 +127,24 @@ def width(run: RunFiles) -> list[Finding]:
     state: State = "bad" if 2 * len(found) >= of_all else "warn"
     not_for = tuple(temperatures_of(own.channel) for own in found)
     return [Finding(state, title, text, details, not_for, CHECK)]
+
+
+def _told(judged: Sequence[Holding]) -> str:
+    """What is told where errors may last as long as the window: not by coverage."""
+    lower, error, lasting = (
+        np.concatenate([getattr(held, name) for held in judged]) for name in ("lower", "most_error", "most_lasting")
+    )
+    short = lower < 1.0 - STRIKING
+    if not short.any():
+        return ""
+    words = f"{error[short].max():.1f} deviations on average"
+    if np.isfinite(lasting[short]).any():
+        words += f" or {np.nanmax(lasting[short]):.1f} for five minutes"
+    return (
+        f" In {short.sum()} of {np.isfinite(lower).sum()} cases errors may last as long as the window, and leave "
+        f"hardly any of it inside by chance. There an error of more than {words} is told, and coverage below "
+        f"{percent(STRIKING, 0)}. A backtest tells more."
+    )
 
 
 def _farthest(window: xr.Dataset, channel: str) -> tuple[str, str]:
