@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import typer
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
 
     from ..problem import Window
     from ..scenario import Scenario
+
+_MOST_GAPS = 3
+"""Gaps of a driver that are told, the longest."""
 
 
 def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
@@ -54,12 +58,19 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
         steps = "" if accuracy is None else f"; {accuracy.steps} steps, error {1e3 * accuracy.error:.2g} mK"
         typer.echo(f"window {window}: {len(built.times)} samples of {len(built.simulator.channels)} channels{steps}")
     told: dict[str, list[str]] = {}
-    for record in (*quality_table(data), *bridged(loaded, data)):
+    gaps = sorted(bridged(loaded, data), key=lambda record: (record.channel, -record.samples))
+    of_channels = [list(own) for _, own in groupby(gaps, key=lambda record: record.channel)]
+    for record in (*quality_table(data), *(gap for own in of_channels for gap in own[:_MOST_GAPS])):
         text = f"{record.finding}, {record.samples} samples; {record.detail}"
         told.setdefault(text, []).append(record.channel or "file")
     for text, channels in told.items():
         # Channels of a packet have the same gaps.
         typer.echo(f"telemetry {', '.join(channels)}: {text}")
+    for own in of_channels:
+        if len(own) > _MOST_GAPS:
+            typer.echo(
+                f"telemetry {own[0].channel}: {len(own) - _MOST_GAPS} more gaps, shorter than these, are bridged"
+            )
     rows = sum(len(windows[name].times) for name in loaded.train_windows)
     for advice in (*_advice(loaded, data, rows), *_guesses(scenario.read_text(encoding="utf-8"))):
         typer.echo(f"advice: {advice}")

@@ -1,0 +1,26 @@
+"""What `flightcal lint` prints."""
+
+from pathlib import Path
+
+import numpy as np
+from typer.testing import CliRunner
+
+from flightcal.cli import app
+from tests import small
+
+run = CliRunner().invoke
+
+
+def test_of_many_gaps_of_a_driver_the_longest_are_told_and_the_others_counted(tmp_path: Path):
+    written = small.content()
+    written["telemetry"]["channels"]["sun"]["fill"] = "previous_orbit"
+    current = small.sunlight(60.0 * np.arange(421))
+    # In the second orbit, longer and longer.
+    for length, first in enumerate((95, 105, 115, 125, 135), start=4):
+        current[first : first + length] = np.nan
+    small.load(tmp_path, written, columns={"sun": current})
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    told = [line.split(";")[0] for line in result.output.splitlines() if line.startswith("telemetry sun: bridged")]
+    assert told == [f"telemetry sun: bridged, {length} samples" for length in (8, 7, 6)]
+    assert "telemetry sun: 2 more gaps, shorter than these, are bridged" in result.output
