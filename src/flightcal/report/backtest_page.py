@@ -103,13 +103,23 @@ def _held(content: Record) -> Finding:
 
 
 def _below(own: Record, channels: list[str]) -> list[str]:
-    """Channels whose intervals did not hold after an origin, with their coverage."""
-    rows = zip(channels, own["coverage"], own["lower"], strict=True)
-    return [
-        f"{channel} {percent(share)} (at least {percent(least)})"
-        for channel, share, least in rows
-        if share is not None and share < least
-    ]
+    """Channels whose intervals did not hold after an origin, with what does not."""
+    found = ((channel, _failing(own, k)) for k, channel in enumerate(channels))
+    return [f"{channel} {percent(own['coverage'][k])}, {why}" for k, (channel, why) in enumerate(found) if why]
+
+
+def _failing(own: Record, k: int) -> str:
+    """Why the intervals of a channel did not hold after an origin; empty where they did."""
+    share, least = own["coverage"][k], own["lower"][k]
+    if share is None:
+        return ""
+    if share < least:
+        return f"below {percent(least)}"
+    for name, words in (("error", "off"), ("lasting", "off for five minutes")):
+        off, most = own[name][k], own[f"most_{name}"][k]
+        if off is not None and most is not None and off > most:
+            return f"{off:.1f} deviations {words}, above {most:.1f}"
+    return ""
 
 
 def _inputs(content: Record) -> Finding:
@@ -140,7 +150,8 @@ def _hold(content: Record, predictions: dict[str, xr.Dataset]) -> list[Block]:
             f"Before each origin {number(content['train'] / period, 3)} orbits are trained on. After it nothing but "
             "the first minutes, which are not scored, is known of the temperatures. A plot's title is the share of "
             "telemetry inside the interval. It did not hold where that share is below the band of telemetry drawn "
-            f"from the prediction itself, in which {percent(HELD, 0)} of right predictions have all their channels."
+            f"from the prediction itself, in which {percent(HELD, 0)} of right predictions have all their channels, or "
+            "errors are larger than theirs."
         ),
         *(block.figure(figure, f"{drawn}, both less the predicted mean. {rows}", wide=True) for figure in less),
         block.table(_origins(content)),
@@ -189,11 +200,9 @@ def figure_hold(
 
 
 def _title(own: Record, k: int) -> str:
-    """Of one plot: the coverage, and where it did not hold what it should have been at least."""
-    share, least = own["coverage"][k], own["lower"][k]
-    if share is None or share >= least:
-        return percent(share)
-    return f'<b><span style="color:{WARNING}">✕ {percent(share)}, below {percent(least)}</span></b>'
+    """Of one plot: the coverage, and where it did not hold why."""
+    share, why = percent(own["coverage"][k]), _failing(own, k)
+    return f'<b><span style="color:{WARNING}">✕ {share}, {why}</span></b>' if why else share
 
 
 def _draw(
