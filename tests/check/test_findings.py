@@ -112,7 +112,12 @@ def test_what_is_not_told_of_the_noise_of_several_channels_is_one_caution():
 
     def cautions(names):
         own = tuple(Combination((Move(name, 0.1, 0.2, 1.0),), 0.01, "alone") for name in names)
-        changed = replace(checked, identifiability=replace(checked.identifiability, combinations=own))
+        of_noise = [replace(checked.infos[0], name=name) for name in noises]
+        changed = replace(
+            checked,
+            infos=(*checked.infos, *of_noise),
+            identifiability=replace(checked.identifiability, combinations=own),
+        )
         return [finding for finding in findings_of(changed) if finding.title.startswith("The telemetry says")]
 
     (alone, idle) = cautions([noises[0], "idle"])
