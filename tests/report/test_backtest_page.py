@@ -11,7 +11,7 @@ from flightcal.report.backtest_page import _below, _title
         ({}, ""),
         ({"coverage": 0.5}, "50.0%, below 60.0%"),
         ({"error": 3.2}, "95.0%, 3.2 deviations off, above 3.0"),
-        ({"lasting": 7.0}, "95.0%, 7.0 deviations off for five minutes, above 5.0"),
+        ({"lasting": 7.0}, "95.0%, 7.0 deviations off for five minutes or more, above 5.0"),
         ({"coverage": None, "error": 9.0}, ""),
         ({"lasting": None}, ""),
     ],

@@ -190,7 +190,7 @@ def test_where_a_window_is_short_for_its_errors_it_is_said_what_would_be_told(ru
     found = unseen.holding(errors_of_the_whole_window(right))
     assert found.state == "good"
     assert " In 3 of 3 cases errors may last as long as the window" in found.text
-    assert re.search(r"more than \d\.\d deviations on average or \d\.\d for five minutes is told", found.text)
+    assert re.search(r"more than \d\.\d deviations on average or \d\.\d for five minutes or more is told", found.text)
 
 
 def errors_of_the_whole_window(run):

@@ -46,8 +46,8 @@ class Replicates:
     replicated_error: FloatArray
     """[S, N]."""
     lasting: FloatArray
-    """[N] the largest distance from the mean that all samples of five minutes have, in deviations; NaN where there are
-    not so many."""
+    """[N] the largest distance from the mean that all samples of five minutes have, five of them or more, in
+    deviations; NaN where there are not so many."""
     replicated_lasting: FloatArray
     """[S, N]."""
 

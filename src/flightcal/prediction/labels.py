@@ -34,7 +34,7 @@ LABELS: Final[dict[str, tuple[str, str]]] = {
     "replicated": ("1", "the same share for draws of the prediction in the place of the telemetry"),
     "error": ("1", "root mean square of the telemetry's distances from the mean, in deviations of the prediction"),
     "replicated_error": ("1", "the same for draws of the prediction in the place of the telemetry"),
-    "lasting": ("1", "largest distance from the mean that lasts for five minutes, in standard deviations"),
+    "lasting": ("1", "largest distance from the mean that lasts for five minutes or more, in standard deviations"),
     "replicated_lasting": ("1", "the same for draws of the prediction in the place of the telemetry"),
     "noise": ("", "noise that is assumed"),
     "discrepant": ("", "whether a discrepancy is assumed"),

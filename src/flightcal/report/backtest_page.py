@@ -115,7 +115,7 @@ def _failing(own: Record, k: int) -> str:
         return ""
     if share < least:
         return f"below {percent(least)}"
-    for name, words in (("error", "off"), ("lasting", "off for five minutes")):
+    for name, words in (("error", "off"), ("lasting", "off for five minutes or more")):
         off, most = own[name][k], own[f"most_{name}"][k]
         if off is not None and most is not None and off > most:
             return f"{off:.1f} deviations {words}, above {most:.1f}"

@@ -51,10 +51,9 @@ def holding(run: RunFiles) -> Finding:
                 how = f"{percent(share)} inside"
                 if held.lasting[k] > held.most_lasting[k]:
                     when, kelvins = _farthest(window, channel)
-                    how += f", {kelvins} K off at {when} and {held.lasting[k]:.0f} deviations for five minutes"
-                    said += (
-                        f", {held.lasting[k]:.1f} deviations off for five minutes (at most {held.most_lasting[k]:.1f})"
-                    )
+                    how += f", {kelvins} K off at {when} and {held.lasting[k]:.0f} deviations for five minutes or more"
+                    said += f", {held.lasting[k]:.1f} deviations off for five minutes or more"
+                    said += f" (at most {held.most_lasting[k]:.1f})"
                 elif held.error[k] > held.most_error[k]:
                     how += f" and {held.error[k]:.1f} deviations off"
                     said += f", {held.error[k]:.1f} deviations off (at most {held.most_error[k]:.1f})"
@@ -139,7 +138,7 @@ def _told(judged: Sequence[Holding]) -> str:
         return ""
     words = f"{error[short].max():.1f} deviations on average"
     if np.isfinite(lasting[short]).any():
-        words += f" or {np.nanmax(lasting[short]):.1f} for five minutes"
+        words += f" or {np.nanmax(lasting[short]):.1f} for five minutes or more"
     return (
         f" In {short.sum()} of {np.isfinite(lower).sum()} cases errors may last as long as the window, and leave "
         f"hardly any of it inside by chance. There an error of more than {words} is told, and coverage below "
