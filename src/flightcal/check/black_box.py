@@ -262,7 +262,7 @@ def _closely(ensemble: Ensemble, look: _Look, nats: float, fit: Fit, wrong: Wron
 
 def _fit(ensemble: Ensemble, around: Gaussian, observed: FloatArray, wrong: Wrong | None = None) -> Fit:
     """Of telemetry [t, N] as it should be read."""
-    left = ensemble.flat(observed) - ensemble.expected(observed)
+    left = _left(ensemble, observed)
     fit = around.fit(left) if wrong is None else around.fit(left, wrong.columns, wrong.scale)
     moved = ensemble.away.T @ fit.moved / np.sqrt(len(ensemble.away) - 1.0)
     names = ensemble.problem.names
@@ -272,7 +272,12 @@ def _fit(ensemble: Ensemble, around: Gaussian, observed: FloatArray, wrong: Wron
 
 def _evidence(ensemble: Ensemble, around: Gaussian, observed: FloatArray) -> float:
     """That of `_fit` with nothing wrong."""
-    return around.evidence(ensemble.flat(observed) - ensemble.expected(observed))
+    return around.evidence(_left(ensemble, observed))
+
+
+def _left(ensemble: Ensemble, observed: FloatArray) -> FloatArray:
+    """[R] K of telemetry [t, N] beside what is expected."""
+    return ensemble.flat(observed) - ensemble.expected(observed)
 
 
 def _is_nearer(ensemble: Ensemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:

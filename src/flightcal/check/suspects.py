@@ -91,8 +91,9 @@ def _elsewhere(problem: Problem, telemetry: xarray.Dataset, seen: list[Broken]) 
     """What channels show by themselves in all windows but the first to train on, of which this is seen."""
     scenario, first = problem.scenario, problem.windows[0]
     useful = first.observed.copy()
-    for broken_one in seen:
-        useful[broken_one.useless, first.simulator.channels.index(broken_one.channel)] = np.nan
+    channels = first.simulator.channels
+    for told in seen:
+        useful[told.useless, channels.index(told.channel)] = np.nan
     for name, own in scenario.windows.items():
         if name == first.name:
             continue
@@ -100,14 +101,11 @@ def _elsewhere(problem: Problem, telemetry: xarray.Dataset, seen: list[Broken]) 
             samples = select_window(telemetry, own, first.period, name)
         except TelemetryError:  # it is told where the window is used
             continue
-        channels = first.simulator.channels
         values = np.stack([samples[channel].to_numpy() for channel in channels], axis=1)
         times = samples["time"].to_numpy()
         yield from _seen(channels, times, values, np.full(values.shape, np.nan))
-        for k, channel in enumerate(channels):
-            found = stuck_throughout(channel, times, values[:, k], useful[:, k])
-            if found is not None:
-                yield found
+        looks = (stuck_throughout(channel, times, values[:, k], useful[:, k]) for k, channel in enumerate(channels))
+        yield from (found for found in looks if found is not None)
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:

@@ -40,8 +40,8 @@ def driver_series(
     `fill` (default: the channel's own) says how: 'interpolate' does so up to a tenth of the period, at most
     30 min; 'previous_orbit' takes the value a whole number of periods earlier, the fewest possible, or later
     where there is none earlier. With 'hold' there is no interpolation: a value stays until the next sample, the last
-    one as long as there is telemetry. A number is the driver's value wherever the next sample is more than half a
-    sampling interval away. period: orbital period, s; default: that of the dataset.
+    one as long as there is telemetry. A number is the value in such gaps, before the first sample and after the last,
+    farther than half a sampling interval from the nearest. period: orbital period, s; default: that of the dataset.
 
     Raises TelemetryError when a gap cannot be bridged.
     """
@@ -57,9 +57,8 @@ def driver_series(
     if isinstance(fill, float):
         open_gap |= (at < seconds[0]) | (at > seconds[-1])
         nearest = _nearest(seconds, at)
-        return np.where(
-            open_gap, np.where(np.abs(at - seconds[nearest]) > 0.5 * interval, fill, values[nearest]), result
-        )
+        in_gap = np.where(np.abs(at - seconds[nearest]) > 0.5 * interval, fill, values[nearest])
+        return np.where(open_gap, in_gap, result)
     if fill == "interpolate":
         limit = (
             LONGEST_INTERPOLATED if period is None else min(LONGEST_INTERPOLATED, LONGEST_INTERPOLATED_SHARE * period)
@@ -112,8 +111,8 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
     long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
     if isinstance(fill, float):
         ends = np.concatenate([[seconds[0]], seconds[long + 1], seconds[long], [seconds[-1]]])
-        away = 0.5 * interval * np.repeat([-1.0, 1.0], len(long) + 1)
-        corners += [ends + away, ends + away * (1.0 + 2.0 * _EDGE / interval)]
+        outwards = np.repeat([-1.0, 1.0], len(long) + 1)
+        corners += [ends + outwards * 0.5 * interval, ends + outwards * (0.5 * interval + _EDGE)]
     if fill == "previous_orbit" and period is not None:
         turns = np.arange(1, int((seconds[-1] - seconds[0]) // period) + 2) * period
         for begin, end in zip(seconds[long], seconds[long + 1], strict=True):
