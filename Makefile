@@ -12,7 +12,7 @@ INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 RUN ?= runs/leo_observer
 
-.PHONY: demo test test-slow attack bench lint format chromium clean
+.PHONY: demo test test-slow attack bench lint format kernels chromium clean
 
 demo: $(INSTALLED)
 	$(BIN)/flightcal demo --out $(RUN)
@@ -40,6 +40,10 @@ lint: $(INSTALLED_DEV)
 format: $(INSTALLED_DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+# Tests compile what is missing; this does most of it with both cores.
+kernels: $(INSTALLED_DEV)
+	$(BIN)/python tests/kernels.py
 
 # The report's browser tests are skipped without it, and that of its print without poppler-utils.
 chromium:
