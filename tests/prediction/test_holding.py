@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from flightcal.prediction import hold_together
+from flightcal.prediction import Holding, hold_together
 from flightcal.prediction.holding import replicate
 
 MINUTES = 20.0
@@ -91,6 +91,25 @@ def test_replicates_are_held_to_the_interval_of_the_other_draws():
     for s in range(60):
         low, high = np.quantile(np.delete(draws, s, axis=0), [0.05, 0.95], axis=0)
         assert found.replicated[s, 0] == pytest.approx(((low <= draws[s]) & (draws[s] <= high)).mean())
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({}, ""),
+        ({"coverage": 0.5}, "below 60.0%"),
+        ({"error": 3.2}, "3.2 deviations off, above 3.0"),
+        ({"coverage": 0.5, "lasting": 7.0}, "7.0 deviations off for five minutes or more, above 5.0"),
+        ({"coverage": np.nan, "error": np.nan, "lasting": np.nan}, ""),
+        ({"lasting": np.nan}, ""),
+    ],
+)
+def test_it_is_said_why_a_channel_does_not_hold(changed, why):
+    right = {"coverage": 0.95, "lower": 0.6, "upper": 1.0, "error": 1.0, "most_error": 3.0, "lasting": 2.0}
+    values = {**right, "most_lasting": 5.0, **changed}
+    found = Holding(**{name: np.array([value]) for name, value in values.items()})
+    assert found.why(0) == why
+    assert (found.room[0] < 0.0) == bool(why)
 
 
 def test_the_worst_channel_is_the_one_furthest_below_its_band():

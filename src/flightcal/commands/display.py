@@ -289,7 +289,8 @@ def print_backtest(found: Backtest, console: Console | None = None) -> None:
     words = f"Intervals held after {content['held']} of {len(content['origins'])} origins"
     console.print(f"\n[{style}]{words}[/{style}]", highlight=False)
     if worst := content["worst"]:
-        inside = f"{worst['coverage']:.1%} inside its interval, of a right prediction {worst['lower']:.1%} or more"
+        why = worst["why"] or f"of a right prediction {worst['lower']:.1%} or more"
+        inside = f"{worst['coverage']:.1%} inside its interval, {why}"
         say(console, f"worst: {worst['channel']} after {worst['time']}, {inside}")
     numbers = ("coverage", "RMSE K", "MPIW K", "CRPS K")
     table = table_of("All origins and channels, by horizon", ("horizon",), numbers)

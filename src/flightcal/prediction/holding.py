@@ -109,6 +109,14 @@ class Holding:
         """The channel that holds least; -1 without samples."""
         return int(np.nanargmin(self.room)) if np.isfinite(self.room).any() else -1
 
+    def why(self, k: int) -> str:
+        """Why a channel does not hold: an error that lasts, one of all samples, or coverage; empty where it holds."""
+        if self.lasting[k] > self.most_lasting[k]:
+            return f"{self.lasting[k]:.1f} deviations off for five minutes or more, above {self.most_lasting[k]:.1f}"
+        if self.error[k] > self.most_error[k]:
+            return f"{self.error[k]:.1f} deviations off, above {self.most_error[k]:.1f}"
+        return f"below {self.lower[k]:.1%}" if self.coverage[k] < self.lower[k] else ""
+
     @property
     def too_wide(self) -> NDArray[np.bool_]:
         """[N] channels whose coverage is above the band: intervals wider than need be, which is no failure."""

@@ -8,6 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
+from ..errors import RunError
 from ..prediction import HELD
 from ..run import read_tree, write_text
 from ..validation import ALL, ahead
@@ -44,8 +45,16 @@ _NARROW = 18
 
 
 def write_backtest(folder: Path, output: Path | None = None) -> Path:
-    """Writes report.html from backtest.json and backtest.nc in `folder`. Raises RunError where these are not there."""
+    """Writes report.html from backtest.json and backtest.nc in `folder`.
+
+    Raises RunError where these are not there, or were made by an earlier version.
+    """
     content = read_content(folder, "backtest")
+    if not all("why" in own for own in content["origins"]):
+        raise RunError(
+            f"{folder / 'backtest.json'}: found no `why`, expected what this version writes: run `flightcal backtest` "
+            "into this folder again, which keeps what is calibrated"
+        )
     tree = read_tree(folder / "backtest.nc")
     predictions = {own["name"]: tree[own["name"]].to_dataset() for own in content["origins"]}
     output = output or folder / "report.html"
@@ -87,9 +96,10 @@ def _held(content: Record) -> Finding:
         return Finding("none", title, "No sample after an origin is scored.")
     whole = _record(content, ALL, ALL, ALL)
     share = percent(content["interval"], 0)
+    least = f"of a right prediction {percent(worst['lower'])} or more"
     text = (
         f"Worst: {worst['channel']} after {_moment(worst['time'])}, with {percent(worst['coverage'])} of "
-        f"its telemetry inside the {share} interval; a right prediction has {percent(worst['lower'])} or more. All "
+        f"its telemetry inside the {share} interval, {worst['why'] or least}. All "
         f"together: {percent(whole['coverage'])} ± {percent(whole['coverage_error'])} inside, RMSE "
         f"{number(whole['rmse'], 3)} K, CRPS {number(whole['crps'], 3)} K, interval {number(whole['width'], 3)} K wide."
     )
@@ -104,22 +114,8 @@ def _held(content: Record) -> Finding:
 
 def _below(own: Record, channels: list[str]) -> list[str]:
     """Channels whose intervals did not hold after an origin, with what does not."""
-    found = ((channel, _failing(own, k)) for k, channel in enumerate(channels))
-    return [f"{channel} {percent(own['coverage'][k])}, {why}" for k, (channel, why) in enumerate(found) if why]
-
-
-def _failing(own: Record, k: int) -> str:
-    """Why the intervals of a channel did not hold after an origin; empty where they did."""
-    share, least = own["coverage"][k], own["lower"][k]
-    if share is None:
-        return ""
-    if share < least:
-        return f"below {percent(least)}"
-    for name, words in (("error", "off"), ("lasting", "off for five minutes or more")):
-        off, most = own[name][k], own[f"most_{name}"][k]
-        if off is not None and most is not None and off > most:
-            return f"{off:.1f} deviations {words}, above {most:.1f}"
-    return ""
+    found = zip(channels, own["coverage"], own["why"], strict=True)
+    return [f"{channel} {percent(share)}, {why}" for channel, share, why in found if why]
 
 
 def _inputs(content: Record) -> Finding:
@@ -201,7 +197,7 @@ def figure_hold(
 
 def _title(own: Record, k: int) -> str:
     """Of one plot: the coverage, and where it did not hold why."""
-    share, why = percent(own["coverage"][k]), _failing(own, k)
+    share, why = percent(own["coverage"][k]), own["why"][k]
     return f'<b><span style="color:{WARNING}">✕ {share}, {why}</span></b>' if why else share
 
 

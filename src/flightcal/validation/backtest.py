@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -103,7 +103,7 @@ def backtest_record(scenario: Scenario, plan: Plan, predictions: Mapping[str, xa
         "holds": all(holding.holds for holding in holdings),
         "held": sum(holding.holds for holding in holdings),
         "passed": all(origin["passed"] for origin in origins),
-        "worst": _worst(origins),
+        "worst": _worst(origins, holdings),
         "origins": origins,
         "scores": plain(scores),
         "duty": plain(duty_scores(predictions)),
@@ -115,20 +115,21 @@ def holdings_of(predictions: Mapping[str, xarray.Dataset]) -> list[Holding]:
     return [hold_together([replicates_of(own)])[0] for own in predictions.values()]
 
 
-def _worst(origins: list[dict[str, Any]]) -> dict[str, Any]:
-    """The channel of an origin whose coverage is furthest below its band, or the least above its lower end."""
-    found = [
-        {
-            "origin": own["name"],
-            "time": own["origin"],
-            "channel": own["worst"],
-            "coverage": own["coverage"][k],
-            "lower": own["lower"][k],
-        }
-        for own in origins
-        if (k := own["worst_place"]) >= 0
-    ]
-    return min(found, key=lambda record: record["coverage"] - record["lower"], default={})
+def _worst(origins: list[dict[str, Any]], holdings: Sequence[Holding]) -> dict[str, Any]:
+    """The channel of an origin that holds least."""
+    found = [(held.room[held.worst], own) for own, held in zip(origins, holdings, strict=True) if held.worst >= 0]
+    if not found:
+        return {}
+    own = min(found, key=lambda one: one[0])[1]
+    k = own["worst_place"]
+    return {
+        "origin": own["name"],
+        "time": own["origin"],
+        "channel": own["worst"],
+        "coverage": own["coverage"][k],
+        "lower": own["lower"][k],
+        "why": own["why"][k],
+    }
 
 
 def _origin_record(name: str, prediction: xarray.Dataset, holding: Holding, channels: list[str]) -> dict[str, Any]:
@@ -146,6 +147,7 @@ def _origin_record(name: str, prediction: xarray.Dataset, holding: Holding, chan
         "holds": holding.holds,
         "worst": channels[holding.worst] if holding.worst >= 0 else None,
         "worst_place": holding.worst,
+        "why": [holding.why(k) for k in range(len(channels))],
         "coverage": holding.coverage,
         "lower": holding.lower,
         "upper": holding.upper,

@@ -52,13 +52,10 @@ def holding(run: RunFiles) -> Finding:
                 if held.lasting[k] > held.most_lasting[k]:
                     when, kelvins = _farthest(window, channel)
                     how += f", {kelvins} K off at {when} and {held.lasting[k]:.0f} deviations for five minutes or more"
-                    said += f", {held.lasting[k]:.1f} deviations off for five minutes or more"
-                    said += f" (at most {held.most_lasting[k]:.1f})"
                 elif held.error[k] > held.most_error[k]:
                     how += f" and {held.error[k]:.1f} deviations off"
-                    said += f", {held.error[k]:.1f} deviations off (at most {held.most_error[k]:.1f})"
                 worst = min(worst, (name, f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[2])
-                said += ", which does not hold"
+                said += f", does not hold: {held.why(k)}"
             elif share < STRIKING:
                 few[channel] = min(few.get(channel, (1.0, "")), (share, name))
                 said += ", which may be by chance"
