@@ -216,7 +216,7 @@ def test_normal_prior_of_a_temperature_is_accepted_though_it_has_no_end(lint_edi
     )
 
 
-@pytest.mark.parametrize(("deviation", "accepted"), [("2 W", True), ("3 W", False)])
+@pytest.mark.parametrize(("deviation", "accepted"), [("3.3 W", True), ("3.4 W", False)])
 def test_a_prior_may_have_no_end_where_it_never_comes_near_what_cannot_be(lint_edited, deviation, accepted):
     prior = f"{{normal: {{mean: 20 W, standard_deviation: {deviation}}}}}"
 

@@ -20,8 +20,8 @@ _SIZES = ("lower", "upper", "mean", "standard_deviation", "median", "scale")
 """Arguments of priors that are in the unit of what they are of."""
 _FAR_OUT = 5.0
 """Standard deviations from a truncated normal's mean to its bounds, beyond which sampling it fails."""
-_NEVER = 8.0
-"""Standard deviations from a normal prior's middle, beyond which no draw ever is: one of 10^15."""
+_NEVER = 6.0
+"""Standard deviations from a normal prior's middle, beyond which no draw is that matters: one of 10^9."""
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
@@ -85,7 +85,7 @@ def _ends(prior: Prior, times: float, number: Settable) -> tuple[float, float]:
 
 
 def _reached(prior: Prior) -> tuple[float, float]:
-    """Between which all draws are that will ever be."""
+    """Between which all draws are that matter."""
     if isinstance(prior, Normal):
         return prior.mean - _NEVER * prior.standard_deviation, prior.mean + _NEVER * prior.standard_deviation
     if isinstance(prior, LogNormal):
