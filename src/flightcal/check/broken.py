@@ -45,6 +45,8 @@ _MOST_SPIKES = 3
 _SPIKE = (3.0, 12.0, 4.0, 2.0)
 """A spike is larger than so many K, so many deviations of the noise, so many times what is usual, and so many times
 what the model has."""
+_MOVED = 0.5
+"""Share of a spike's height by which the temperature moves from sample to sample, from which it is none."""
 _MANY = (0.03, 15.0)
 """Share of the samples that may be spikes, where they are so many times what is usual."""
 _GAP = 2.5
@@ -104,14 +106,16 @@ def _clipped(channel: str, times: NDArray[np.datetime64], own: FloatArray, model
     for extreme, word in ((own.max(), "above"), (own.min(), "below")):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], (own == extreme).astype(int), [0]])))
         first, last = edges[::2], edges[1::2]
-        rise = np.abs(own[np.maximum(first - 1, 0)] - own[np.maximum(first - 1 - _SLOPE, 0)]) / _SLOPE
         after = np.minimum(last, len(own) - 1)
-        fall = np.abs(own[after] - own[np.minimum(after + _SLOPE, len(own) - 1)]) / _SLOPE
+        rise, before = _motion(own, first - 1, -_SLOPE)
+        fall, later = _motion(own, after, _SLOPE)
         # At an end of the window one slope is known, and speaks for both.
-        rise, fall = np.where(first > _SLOPE, rise, np.inf), np.where(last < len(own) - _SLOPE, fall, np.inf)
+        known = first > _SLOPE, last < len(own) - _SLOPE
+        rise, fall = np.where(known[0], rise, np.inf), np.where(known[1], fall, np.inf)
         slope = np.minimum(rise, fall)
-        # A parabola that begins and ends with these slopes goes on so far.
+        # A parabola that begins and ends with these slopes goes on so far; what comes to rest does not.
         beyond = np.where(np.isfinite(slope), slope, 0.0) * (last - first) / 4.0
+        beyond = np.minimum(beyond, np.minimum(np.where(known[0], before, np.inf), np.where(known[1], later, np.inf)))
         if (beyond > _CLIPPED + 4.0 * step_of(own) + 4.0 * noise_of(own)).sum() < 2:
             continue
         return Broken(
@@ -121,6 +125,20 @@ def _clipped(channel: str, times: NDArray[np.datetime64], own: FloatArray, model
             f"Leave these samples out with a narrower 'valid_range' of {channel}", own == extreme,
         )  # fmt: skip
     return None
+
+
+def _motion(own: FloatArray, places: NDArray[np.int64], step: int) -> tuple[FloatArray, FloatArray]:
+    """K a sample by which values [t] move up to each place, and K by which they would go on if they slow as they do.
+
+    step: samples back, or on where it is positive.
+    """
+    at = (np.clip(places + k * step, 0, len(own) - 1) for k in range(3))
+    last, middle, first = (own[place] for place in at)
+    moved, earlier = np.abs(last - middle), np.abs(middle - first)
+    slows = moved < earlier
+    goes_on = np.full(len(places), np.inf)
+    goes_on[slows] = moved[slows] ** 2 / (earlier - moved)[slows]
+    return moved / abs(step), goes_on
 
 
 def _spikes(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
@@ -149,15 +167,23 @@ def _spikes(channel: str, times: NDArray[np.datetime64], own: FloatArray, modell
 
 
 def _heights(times: NDArray[np.datetime64], values: FloatArray) -> FloatArray:
-    """[T] K by which samples are above those beside them on both sides, one or two away, or below; else 0."""
+    """[T] K by which one sample, or two in a row, are above those before and after, or below; else 0.
+
+    Where the temperature moves by half as much before or after, they are the end of that motion, and no spike.
+    """
     usual = np.median(np.diff(times))
     found = np.zeros(len(values))
-    for apart in (1, 2):
-        before, after = (values[apart:-apart] - own for own in (values[: -2 * apart], values[2 * apart :]))
-        away = times[apart:] - times[:-apart]
-        beside = np.maximum(away[:-apart], away[apart:]) < _GAP * apart * usual
-        height = np.where(beside & (before * after > 0.0), np.minimum(np.abs(before), np.abs(after)), 0.0)
-        found[apart:-apart] = np.maximum(found[apart:-apart], height)
+    for wide in (1, 2):
+        rows = sliding_window_view(values, wide + 4)
+        apart = np.max(sliding_window_view(np.diff(times), wide + 3)[:, 1:-1], axis=1)
+        before, inside, after = rows[:, [0, 1]], rows[:, 2:-2], rows[:, [-2, -1]]
+        away = np.stack([inside - before[:, [1]], inside - after[:, [0]]])
+        height = np.maximum(away.min(axis=(0, 2)), (-away).min(axis=(0, 2))).clip(0.0)
+        moves = np.maximum(np.abs(np.diff(before)), np.abs(np.diff(after)))[:, 0]
+        height[(apart >= _GAP * usual) | (moves > _MOVED * height)] = 0.0
+        for k in range(wide):
+            own = found[2 + k : 2 + k + len(height)]
+            np.maximum(own, height, out=own)
     return found
 
 

@@ -16,7 +16,7 @@ import xarray
 from numpy.typing import NDArray
 
 from ..errors import FlightcalError, TelemetryError
-from ..problem import Problem, Window
+from ..problem import Problem, Window, build_problem
 from ..run import Run, Stage, plain, read_json, typed
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import select_window
@@ -103,9 +103,24 @@ def _elsewhere(problem: Problem, telemetry: xarray.Dataset, seen: list[Broken]) 
             continue
         values = np.stack([samples[channel].to_numpy() for channel in channels], axis=1)
         times = samples["time"].to_numpy()
-        yield from _seen(channels, times, values, np.full(values.shape, np.nan))
+        seen_here = _seen(channels, times, values, np.full(values.shape, np.nan))
+        if any(found.kind == "spike" for found in seen_here):
+            # A short eclipse cools a panel as suddenly.
+            seen_here = _seen(channels, times, values, _simulated(problem, telemetry, name, times))
+        yield from seen_here
         looks = (stuck_throughout(channel, times, values[:, k], useful[:, k]) for k, channel in enumerate(channels))
         yield from (found for found in looks if found is not None)
+
+
+def _simulated(problem: Problem, telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64]) -> FloatArray:
+    """[T, C] K in another window at the prior's median; NaN where it cannot be simulated."""
+    try:
+        other = build_problem(problem.scenario, telemetry, name)
+        (run,) = other.simulate(other.priors.median())
+    except (FlightcalError, SimulationFailure):
+        return np.full((len(times), len(problem.windows[0].simulator.channels)), np.nan)
+    own, at = other.windows[0].times.astype(float), times.astype(float)
+    return np.stack([np.interp(at, own, values) for values in run.temperatures.T], axis=1)
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:

@@ -327,6 +327,9 @@ def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) ->
     """
     mapping, written = view.network.mapping, view.network.mapping.written.copy()
     moved: dict[int, float] = {}
+    # A number is moved by a factor, and none makes another one of 0.
+    if not all(now[p] and now[q] for p, q in places):
+        return None
     if all(1.0 / _MATTERS < now[p] / now[q] < _MATTERS for p, q in places):
         return None
     setting = dict(zip(mapping.set_positions.tolist(), mapping.set_by.tolist(), strict=True))
