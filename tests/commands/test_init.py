@@ -212,6 +212,48 @@ def test_a_heater_is_of_the_sensor_that_is_the_same_at_each_switch_and_not_of_on
     assert load_scenario(tmp_path / "sat" / "scenario.yaml").network.heaters["htr_7"].sensor == "battery_degc"
 
 
+def test_the_bits_of_a_status_word_are_heaters_only_where_a_temperature_obeys_them(tmp_path: Path):
+    minutes = np.arange(240.0)
+    rising = minutes // 6 % 2 == 0
+    warmth = np.where(rising, 10.0 + 0.5 * (minutes % 6), 13.0 - 0.5 * (minutes % 6))
+    radio, sunlit = minutes // 17 % 3 == 1, np.sin(minutes / 15.0) > 0.0
+    table = pd.DataFrame({"time": text(seconds(*(60.0 * minutes))), "battery [degC]": warmth})
+    for k, name in enumerate(("panel", "side", "top")):
+        table[f"{name} [degC]"] = -20.0 * np.cos((minutes + k) / 15.0)
+    table["STATUS"] = [f"0x{4 + a + 2 * b + 8 * c:02X}" for a, b, c in zip(rising, radio, sunlit, strict=True)]
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    lint(tmp_path / "sat")
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    assert {name: own.sensor for name, own in scenario.network.heaters.items()} == {"status_0": "battery_degc"}
+    written = (tmp_path / "sat" / "scenario.yaml").read_text()
+    assert "by no temperature a heater's: status_1, status_3." in written
+
+
+def test_the_period_is_that_after_which_temperatures_come_again(tmp_path: Path):
+    minutes = np.arange(0.0, 4 * 1436.0, 5.0)
+    table = pd.DataFrame({"time": text(seconds(*(60.0 * minutes)))})
+    for k, name in enumerate(("north", "south", "east")):
+        noise = np.random.default_rng(k).standard_normal(len(minutes))
+        table[f"{name} [degC]"] = 10.0 * np.sin(2.0 * np.pi * minutes / 1436.0 + k) + 0.01 * k * minutes + noise
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    assert scenario.environment.period == pytest.approx(1436.0 * 60.0, rel=0.01)
+    train = scenario.windows["train"]
+    assert (train.end - train.start).total_seconds() > 1.9 * 86400.0
+
+
+def test_counts_of_a_clock_that_would_be_a_time_in_far_future_are_counts(tmp_path: Path):
+    table = frame(40)
+    table[["time", "TT_BAT"]].to_csv(tmp_path / "thermal.csv", index=False)
+    power = pd.DataFrame({"SCLK": 3_628_800_656 + 960 * np.arange(40), "I_SA": table["I_SA"]})
+    power.to_csv(tmp_path / "power.csv", index=False)
+    names = (str(tmp_path / f"{name}.csv") for name in ("thermal", "power"))
+    assert run(app, ["init", str(tmp_path / "sat"), *names]).exit_code == 0
+    assert load_scenario(tmp_path / "sat" / "scenario.yaml").telemetry.packets["power"].time.rate == 16
+
+
 def test_a_heaters_name_without_vowels_is_its_nodes(tmp_path: Path):
     names = ["UTC", "TT_TNK [degC]", "TT_STR [degC]", "TANK_HTR", "STAR_HTR"]
     table = pd.DataFrame([[at, 20.0, 20.0 + k, "ON", "OFF"] for k, at in enumerate(text(seconds(0.0, 60.0, 120.0)))])
@@ -324,7 +366,9 @@ def test_files_without_a_temperature_or_a_common_time_are_told(tmp_path: Path):
         app, ["init", str(tmp_path / "sat"), *(str(tmp_path / f"{name}.csv") for name in ("thermal", "power"))]
     )
     assert result.exit_code == USER_ERROR
-    assert "found files whose times do not overlap" in result.output
+    output = " ".join(result.output.split())
+    spans = "thermal: 2024-03-01T00:00 to 2024-03-01T00:08, power: 2024-03-02T00:00 to 2024-03-02T00:08"
+    assert f"found files whose times do not overlap ({spans})" in output
     assert not (tmp_path / "sat").exists()
 
 

@@ -69,3 +69,14 @@ def test_a_table_that_is_wrong_is_an_error_with_its_place(tmp_path, more, wrong)
     with pytest.raises(ScenarioError) as raised:
         loaded(tmp_path, **more)
     assert wrong in str(raised.value)
+
+
+def test_a_load_is_on_while_the_bit_of_a_word_is(tmp_path):
+    content = small.content()
+    content["telemetry"]["channels"]["radio"] = {"column": "heater", "kind": "driver", "bits": 0}
+    content["simulator"]["loads"]["radio"] = {"node": "body", "driver": "radio", "coefficient": "3 W"}
+    scenario, data = small.load(tmp_path, content)
+    assert settable(scenario)["loads.radio.coefficient"].unit == "W"
+    window = build_window(scenario, data, "train")
+    heat = window.network.drive.series[window.network.network.columns.index("driver.radio")]
+    assert set(np.unique(heat)) == {0.0}  # the file has it off

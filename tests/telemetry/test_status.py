@@ -102,6 +102,16 @@ def test_digits_of_words_are_of_the_base_that_is_told(tmp_path: Path, base: int,
     assert status(tmp_path, cells, bits=3, base=base) == [0, 1, 1, 0]
 
 
+@pytest.mark.parametrize(
+    ("cells", "key"), [(["4", "0", "12"], {"bits": 2}), (["SEND", "IDLE", "SEND"], {"on": ["SEND"]})]
+)
+def test_a_driver_of_a_state_is_1_or_0(tmp_path: Path, cells: list[str], key: dict[str, Any]):
+    table = pd.DataFrame({"time": frame(3)["time"], "TX": cells})
+    dataset = read(tmp_path, table, channels={"radio": {"column": "TX", "kind": "driver", **key}})
+    np.testing.assert_array_equal(dataset["radio"], [1, 0, 1])
+    assert (dataset["radio"].attrs["kind"], dataset["radio"].attrs["units"]) == ("driver", "")
+
+
 def test_what_is_no_digit_of_the_base_is_told(tmp_path: Path):
     with pytest.raises(TelemetryError) as caught:
         status(tmp_path, ["0010", "0012"], bits=3, base=2)

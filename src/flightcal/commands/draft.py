@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
-from itertools import pairwise, product, takewhile
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import TelemetryError
+from . import guess
 
 if TYPE_CHECKING:
     import xarray
@@ -24,25 +23,12 @@ if TYPE_CHECKING:
 
 _PLAIN = re.compile(r"[A-Za-z][\w.-]*( [A-Za-z][\w.-]*)*")
 _WORDS = ("on", "off", "yes", "no", "true", "false", "null", "y", "n")
-_LONGEST = np.timedelta64(10, "h")
-"""Of telemetry that the windows take at first: some orbits, so that the first run is short."""
-_LONGEST_OF_PASSES = np.timedelta64(4, "D")
-"""The same where samples come in passes alone."""
-_SHORT = np.timedelta64(90, "m")
-"""An orbit, about: where no longer time, nor half of all, is without gaps, samples come in passes."""
-_MANY, _SHORTEST_GAP = 10, 15 * 60e9
-"""An interval of more than so many usual ones, and of more ns than this, is a gap that a window had better not have."""
 _EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
 _RATES = (10, 100, 1000, 10_000, 100_000, 1_000_000, *(2**k for k in range(17)))
 """Hz, of clocks that count ticks."""
 _LONGEST_COUNT = 4e9
 """s, of a clock that nothing else tells the rate of: some hundred years."""
 _ABOUT = 0.15
-_SHORTEST_WORD = 3
-"""Letters that a heater's name and its node's have in common, such as bat of battery."""
-_EXACT = 0.1
-"""K by which what a sensor reads at its heater's switches differs anyway."""
-_ICE_POINT = 273.15
 _COLD, _WARM = -20, 60
 """degC, that stand for the lowest and the highest of raw readings."""
 _TIMELINE = "timeline.csv"
@@ -56,9 +42,6 @@ _HEAD = """\
 name: {name}
 
 """
-
-
-_Stretch = tuple[np.datetime64, np.datetime64]
 
 
 class _Channel(NamedTuple):
@@ -267,12 +250,15 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
     from ..scenario import kind_of
 
     nodes = [channel.name for channel in channels if channel.kind == "temperature"]
-    heaters = [channel.name for channel in channels if channel.kind == "status"]
+    statuses = [channel.name for channel in channels if channel.kind == "status"]
+    heaters = guess.heaters(dataset, statuses, nodes)
+    period = guess.period(dataset, nodes)
     links = [f"    - {{between: [{a}, {b}], conductance: 0.5 W/K}}" for a, b in pairwise(nodes)]
     lines = [
         "",
         "# PLACEHOLDER: the orbital period; with `orbit` and `attitude`, sunlight on `faces` is computed.",
-        "environment: {period: 95 min}",
+        *(["# In these telemetry files the temperatures come again after about this time."] if period else []),
+        f"environment: {{period: {f'{period / 60:.4g}' if period else '95'} min}}",
         "",
         "# PLACEHOLDER: every number of the thermal network.",
         "simulator:",
@@ -284,9 +270,8 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
         *(f"    - {{between: [{name}, space], radiative: 0.02 m^2}}" for name in nodes),
         *(["  heaters:"] if heaters else []),
     ]
-    for name in heaters:
-        node = _node_of(name, nodes) or _switching(dataset, name, nodes)
-        low, high = _thresholds(dataset["time"].values, dataset[node].values, dataset[name].values)
+    for name, node in heaters.items():
+        low, high = guess.thresholds(dataset["time"].values, dataset[node].values, dataset[name].values)
         lines.append(
             f"    {name}: {{node: {node}, power: 10 W, sensor: {node}, on_below: {low} degC, off_above: {high} degC, "
             f"measured_by: {name}}}"
@@ -309,6 +294,13 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
             f"  # loads: {{sun: {{node: {nodes[0]}, driver: {driver.name}, coefficient: {coefficient}}}}}",
             "",
         ]
+    if others := [name for name in statuses if name not in heaters]:
+        lines += [
+            f"  # On or off, and by no temperature a heater's: {', '.join(others)}.",
+            "  # To heat a node meanwhile, make it a driver (`kind: driver`, with `bits` or `on: [1]`), and add a load",
+            "  # with the power as its coefficient, such as 2 W.",
+            "",
+        ]
     lines += ["# Uncertain numbers, each with what is believed of it.", "parameters:"]
     for name in nodes:
         lines.append(
@@ -319,7 +311,7 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
     lines += ["", "# Which channel measures what.", "observations:"]
     lines += [f"  {name}: {{node: {name}}}" for name in nodes]
     lines += [f"  {name}: {{heater: {name}}}" for name in heaters]
-    start, middle, end = _windows(dataset)
+    start, middle, end = guess.windows(dataset, {channel.name: channel.packet for channel in channels}, period)
     lines += [
         "",
         "# train is calibrated on; test is unseen, and scored.",
@@ -328,112 +320,6 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
         f"  test:  {{start: {middle}, end: {end}}}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _node_of(heater: str, nodes: Sequence[str]) -> str | None:
-    """The node whose name is most like the heater's, first in the words that few nodes have; None: no word is."""
-    words = {node: set(node.split("_")) for node in nodes}
-    often = {word for own in words.values() for word in own if sum(word in other for other in words.values()) > 1}
-    telling = set(heater.split("_")) - often - {"heater", "htr"}
-
-    def likeness(node: str) -> tuple[int, float]:
-        alike = (_begins_alike(one, other) for one, other in product(telling, words[node]))
-        return max(alike, default=0), difflib.SequenceMatcher(None, heater, node).ratio()
-
-    best = max(nodes, key=likeness)
-    return best if likeness(best)[0] >= _SHORTEST_WORD else None
-
-
-def _switching(dataset: xarray.Dataset, heater: str, nodes: Sequence[str]) -> str:
-    """The node that is coldest when the heater comes on, warmest when it goes off, and at each of them always the same.
-
-    The heat of an orbit moves other nodes in step with the heater, but not as exactly.
-    """
-
-    def swing(node: str) -> tuple[float, float]:
-        kelvins = dataset[node].values
-        on, off, spread = _at_switches(dataset["time"].values, kelvins, dataset[heater].values)
-        cold, warm = np.nanquantile(kelvins, (0.05, 0.95))
-        share = (off - on) / (warm - cold) if np.isfinite(on + off) and warm > cold else -1.0
-        return share / (spread + _EXACT) if share > 0.0 else share, difflib.SequenceMatcher(None, heater, node).ratio()
-
-    return max(nodes, key=swing)
-
-
-def _begins_alike(one: str, other: str) -> int:
-    """How many letters two words begin with alike, or without their vowels: tank is tnk."""
-    ones, others = (one, _without_vowels(one)), (other, _without_vowels(other))
-    return max(sum(1 for _ in takewhile(_same, zip(*pair, strict=False))) for pair in zip(ones, others, strict=True))
-
-
-def _same(letters: tuple[str, str]) -> bool:
-    return letters[0] == letters[1]
-
-
-def _without_vowels(word: str) -> str:
-    return word[:1] + re.sub("[aeiou]", "", word[1:])
-
-
-def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
-    """Start, middle and end of a stretch without long gaps in any packet, at most `_LONGEST` of it.
-
-    Where samples come in passes alone, of these: each half begins and ends with one.
-    """
-    times = dataset["time"].values
-    common: list[_Stretch] | None = None
-    for name in dataset["channel"].values:
-        own = _stretches(times[np.isfinite(dataset[str(name)].values)])
-        common = own if common is None else _overlaps(common, own)
-    if not common:
-        raise TelemetryError("found files whose times do not overlap, expected some time that all of them have")
-    start, end = max(common, key=lambda one: min(one[1] - one[0], _LONGEST))  # the first of equals
-    if end - start < _SHORT and 2 * (end - start) < np.sum([b - a for a, b in common]):
-        start = common[0][0]
-        end = max(own for _, own in common if own <= start + _LONGEST_OF_PASSES)
-        half = start + (end - start) // 2
-        middle = min((own for own, _ in common if half < own < end), default=half)
-    else:
-        end = min(end, start + _LONGEST)
-        middle = start + (end - start) // 2
-    first, half_way, last = (np.datetime_as_string(own.astype("datetime64[ms]")) for own in (start, middle, end))
-    return str(first), str(half_way), str(last)
-
-
-def _stretches(times: NDArray[np.datetime64]) -> list[_Stretch]:
-    """From when to when increasing times have no long gap."""
-    steps = np.diff(times).astype("timedelta64[ns]").astype(np.int64)
-    usual = float(np.median(steps)) if len(steps) else 0.0
-    gaps = np.flatnonzero(steps > max(_MANY * usual, _SHORTEST_GAP))
-    starts, ends = [0, *(gaps + 1).tolist()], [*gaps.tolist(), len(times) - 1]
-    return [(times[a], times[b]) for a, b in zip(starts, ends, strict=True) if b > a]
-
-
-def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Stretch]:
-    found = [(max(one[0], other[0]), min(one[1], other[1])) for one in ones for other in others]
-    return [(start, end) for start, end in found if end > start]
-
-
-def _thresholds(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[str, str]:
-    """Two thresholds, degC: what a channel reads when a status changes, else within what it shows."""
-    on, off, _ = _at_switches(times, kelvins, status)
-    low, high = (on, off) if on < off else np.nanquantile(kelvins - _ICE_POINT, (0.1, 0.5))
-    return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
-
-
-def _at_switches(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[float, float, float]:
-    """What a channel reads, degC, when a status becomes on, and off, and K by which that differs from time to time.
-
-    NaN: it does not become both. The two may come in packets of their own, at different times.
-    """
-    read, known = np.isfinite(kelvins), np.isfinite(status)
-    turns = np.diff((status[known] > 0.5).astype(int))
-    if not ((turns > 0).any() and (turns < 0).any()):
-        return np.nan, np.nan, np.nan
-    seconds = (times - times[0]) / np.timedelta64(1, "s")
-    then = np.interp(seconds[known], seconds[read], kelvins[read] - _ICE_POINT)[1:]
-    at = [then[turns == sign] for sign in (1, -1)]
-    on, off = (float(np.median(own)) for own in at)
-    return on, off, sum(float(np.ptp(np.quantile(own, (0.25, 0.75)))) for own in at)
 
 
 def _slug(text: str) -> str:

@@ -150,7 +150,8 @@ def load_coefficient(load: Load, driver: Channel | None) -> tuple[str, float] | 
 
     Raises ValueError, as `to_si`.
     """
-    unit = "W" if load.table else _coefficient_unit(driver.unit if driver else None)
+    bare = load.table or (driver is not None and driver.is_state)
+    unit = "W" if bare else _coefficient_unit(driver.unit if driver else None)
     if unit is None:
         return None
     if isinstance(load.coefficient, str):

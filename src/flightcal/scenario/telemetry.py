@@ -99,7 +99,7 @@ class Channel(Block):
     invalid: Markers = ()
     """Marker values of the ground system, as they stand in the file."""
     on: Markers = (1.0, "1", "ON", "on", "On", "true", "True", "TRUE", "YES", "ENABLED", "ENABLE", "ACTIVE", "CLOSED")
-    """For a status: the values that mean on."""
+    """For a status: the values that mean on. With it or `bits`, a driver is a state: 1 on, 0 off."""
     off: Markers = ()
     """For a status: values that mean off, besides 0, OFF, FALSE, NO, DISABLED, INACTIVE, OPEN and IDLE."""
     on_above: Marker | None = None
@@ -140,6 +140,12 @@ class Channel(Block):
                 return self.fill
             case value:
                 return to_si(value, si_unit(self.unit or "1"))
+
+    @property
+    def is_state(self) -> bool:
+        """Whether its cells are words that mean on or off, or have bits that do."""
+        of_words = self.bits is not None or not self.model_fields_set.isdisjoint(("on", "off"))
+        return self.threshold is None and (self.kind == "status" or (self.kind == "driver" and of_words))
 
     @property
     def threshold(self) -> Literal["on_above", "on_below"] | None:

@@ -46,7 +46,7 @@ class Conversion:
 
 def conversion(channel: Channel) -> Conversion:
     """How `channel` becomes SI. Raises ValueError that says what was found and what was expected."""
-    if channel.kind == "status" and channel.threshold is None:
+    if channel.is_state:
         return Conversion(1.0, 0.0, "")
     if channel.curve:
         return _of_curve(channel)

@@ -36,7 +36,7 @@ def channel_values(name: str, channel: Channel, table: pa.Table, source: Source)
 
     Raises TelemetryError with the line of the first cell that cannot be understood.
     """
-    read = _status if channel.kind == "status" and channel.threshold is None else _numbers
+    read = _status if channel.is_state else _numbers
     parts = [read(f"channel '{name}', column '{column}'", channel, table[column], source) for column in channel.column]
     values = np.stack([part[0] for part in parts])
     flags = reduce(np.bitwise_or, [part[1] for part in parts])

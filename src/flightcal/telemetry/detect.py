@@ -47,6 +47,7 @@ _KELVINS = (150.0, 450.0)
 _CELSIUSES = (-200.0, 200.0)
 """What is called a temperature, and is neither between these nor those, are raw readings."""
 _WORD_NAME = re.compile(r"(?i)(htr|heater).*(word|bits|mask|flags)|(word|bits|mask|flags).*(htr|heater)")
+_MAY_BE_WORD = re.compile(r"(?i)status|state|word|bits|mask|flags")
 _WORDS = {0: re.compile(r"(?i)0x[0-9a-f]+|0b[01]+"), 10: re.compile("[0-9]+"), 16: re.compile(r"(?i)[0-9a-f]+")}
 """Words that are text, by the base of their digits; 0: they say it."""
 _MOST_BITS = 8
@@ -200,7 +201,17 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         modes = modes_in(table, free, times, alone=len(others) == 1)
     if modes is not None:
         del columns[modes.column]
-    parts = {name: tuple(_parts(name, column, table[name])) for name, column in columns.items()}
+    # A number such as 0x41 is read as 65.
+    words = [
+        name
+        for name, column in columns.items()
+        if column is not None and pa.types.is_integer(table[name].type) and _MAY_BE_WORD.search(name)
+    ]
+    written = without_empty_rows(read_table(source, words)) if words else table
+    parts = {
+        name: tuple(_parts(name, column, (written if name in words else table)[name]))
+        for name, column in columns.items()
+    }
     return FoundPacket(
         (file,),
         source.sheet,
@@ -294,7 +305,7 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
 
 
 def _parts(name: str, column: FoundColumn | None, cells: pa.ChunkedArray) -> Iterator[FoundColumn]:
-    """Each bit of a word of heaters that changes; else the column itself, if it can be a channel."""
+    """Each bit of a word that changes; else the column itself, if it can be a channel."""
     words, base = _words(name, cells) if column is None or column.kind == "driver" else (None, None)
     changing: list[int] = []
     if words:
@@ -307,14 +318,16 @@ def _parts(name: str, column: FoundColumn | None, cells: pa.ChunkedArray) -> Ite
 
 
 def _words(name: str, cells: pa.ChunkedArray) -> tuple[list[int] | None, int | None]:
-    """A column's different words of heaters, and the base of their digits where these do not tell it; null: none."""
-    if not _WORD_NAME.search(name):
-        return None, None
-    if pa.types.is_integer(cells.type):
+    """A column's different words, and the base of their digits where these do not tell it; null: none.
+
+    Numbers are words by the column's name alone, and text also where it begins with 0x or 0b.
+    """
+    named = _WORD_NAME.search(name)
+    if named and pa.types.is_integer(cells.type):
         return cells.drop_null().unique().to_pylist(), None
     found = [cell.strip() for cell in cells.drop_null().unique().to_pylist()] if is_text(cells) else []
     found = [cell for cell in found if cell not in NULL_WORDS]
-    for base, shape in _WORDS.items():
+    for base, shape in _WORDS.items() if named else ((0, _WORDS[0]),):
         if found and all(shape.fullmatch(cell) for cell in found):
             return [int(cell, base) for cell in found], base if base == 16 else None
     return None, None

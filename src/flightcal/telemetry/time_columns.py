@@ -33,8 +33,8 @@ _PATTERNS: Final = (
     "%Y%m%d%H%M%S",
 )
 _FORMATS: Final = ("iso8601", *_DAYS, *_UNIX)
-_FIRST, _LAST = np.datetime64("1990-01-01", "ns").astype(np.int64), np.datetime64("2100-01-01", "ns").astype(np.int64)
-"""A number is a UNIX time only between these."""
+_FIRST, _LAST = np.datetime64("1990-01-01", "ns").astype(np.int64), np.datetime64("2040-01-01", "ns").astype(np.int64)
+"""A number is a UNIX time only between these; a larger one counts something else, such as ticks of a clock."""
 _OF_DAYS = r"^(\d{5}|\d{7}|\d{13})(\.\d+)?$"
 """Numbers that can be a year and a day of year; some have to tell more than the day."""
 _HALF_A_DAY = 43_200_000_000_000

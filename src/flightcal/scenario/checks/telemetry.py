@@ -65,9 +65,9 @@ def _check_packets(reading: Reading) -> Iterator[Problem]:
 
 
 def _check_status(channel: Channel, location: Location) -> Iterator[Problem]:
-    """What makes a status of a column is of a status only, and there is one such thing."""
+    """What makes a status of a column is of a status or of a driver that is on or off, and there is one such thing."""
     keys = [key for key in ("on_above", "on_below", "bits") if getattr(channel, key) is not None]
-    if channel.kind != "status":
+    if not channel.is_state and channel.kind != "status":
         for key in [*(key for key in ("on", "off", "base") if key in channel.model_fields_set), *keys]:
             yield Problem((*location, key), f"found {key!r} for a {channel.kind}, expected it for a status only")
         return
@@ -103,7 +103,7 @@ def _check_shared(reading: Reading) -> Iterator[Problem]:
 
 
 def _unit_problem(channel: Channel) -> str | None:
-    if channel.kind == "status" and channel.threshold is None:
+    if channel.is_state:
         return None if channel.unit is None else f"found {show(channel.unit)}, expected no unit for a status"
     if channel.curve and channel.kind == "temperature":
         return None if channel.unit is None else f"found {show(channel.unit)} beside 'curve', expected one of them"
@@ -141,7 +141,7 @@ def _check_columns(channel: Channel, location: Location) -> Iterator[Problem]:
 
 def _check_range(channel: Channel, location: Location) -> Iterator[Problem]:
     assert channel.valid_range is not None
-    if channel.kind == "status" and channel.threshold is None:
+    if channel.is_state:
         yield Problem(location, "found a range, expected none for a status")
         return
     unit = "K" if channel.curve else si_unit(channel.unit or "")
