@@ -358,22 +358,22 @@ K = TypeVar("K")
 class Spare(Generic[K]):
     """Memory of programs, each for one user at a time: what is free is used again, and made where nothing is free.
 
-    Not a `threading.local`: a thread of nutpie's is a new one to Python at every call, and finds that empty.
+    Not a `threading.local`: a thread of nutpie's is a new one to Python at every call, and finds that empty. It keeps
+    no function that makes memory: one that knows the owner would keep both alive until garbage is collected, which
+    gigabytes of arrays do not hasten.
     """
 
-    def __init__(self, make: Callable[..., K]) -> None:
-        """make(*kind) -> memory of a kind."""
-        self._make = make
+    def __init__(self) -> None:
         self._free: defaultdict[tuple[Any, ...], list[K]] = defaultdict(list)
 
     @contextmanager
-    def borrowed(self, *kind: Any) -> Iterator[K]:
-        """Memory of a kind that nobody else has during the block."""
+    def borrowed(self, make: Callable[..., K], *kind: Any) -> Iterator[K]:
+        """Memory of a kind that nobody else has during the block; make(*kind): what is not there yet."""
         free = self._free[kind]
         try:
             memory = free.pop()
         except IndexError:  # looked for in one go: another thread may take the last one
-            memory = self._make(*kind)
+            memory = make(*kind)
         try:
             yield memory
         finally:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,8 @@ from .wrongs.heat import now_and_then
 
 _PROMISING = 2.0
 """Nats of a first look from which a wrong is looked at closely."""
+_AT_ONCE = 64
+"""Wrongs of which the windows to simulate are held at once."""
 _FINALISTS = 12
 _OF_A_KIND, _OF_A_SUBJECT = 3, 2
 """So many of a kind, and about one subject, are looked at closely, and beside them as many whose size is then found:"""
@@ -69,17 +73,7 @@ def compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> lis
     known = np.isfinite(view.as_read)
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     looks = [replace(look, around=look.around.in_modes()) for look in looks]
-    wrongs = [*all_wrongs(view), *_now_and_then(view, looks[1])]
-
-    def gained(k: int) -> float:
-        try:
-            return max(_gain(view, wrongs[k], look) for look in looks)
-        except SimulationFailure:
-            return -np.inf
-        finally:
-            _release(wrongs[k])
-
-    chosen = finalists(in_parallel(gained, len(wrongs)), wrongs, odd)
+    chosen = finalists(*_promising(view, looks, odd), odd)
 
     def named(k: int) -> tuple[Fit, Wrong, float] | None:
         try:
@@ -100,6 +94,31 @@ def compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> lis
     for item in sorted(found, key=lambda item: -item[2]):
         once.setdefault((item[1].kind, item[1].about), item)
     return list(once.values())
+
+
+def _promising(view: View, looks: Sequence[_Look], odd: Collection[str]) -> tuple[list[float], list[Wrong]]:
+    """Nats of a first look of the wrongs that may be looked at closely, and these.
+
+    The others are let go: a thousand windows to simulate would take gigabytes.
+    """
+
+    def gained(some: Sequence[Wrong], k: int) -> float:
+        try:
+            return max(_gain(view, some[k], look) for look in looks)
+        except SimulationFailure:
+            return -np.inf
+        finally:
+            _release(some[k])
+
+    gains: list[float] = []
+    kept: list[Wrong] = []
+    wrongs = chain(all_wrongs(view), _now_and_then(view, looks[1]))
+    while some := list(islice(wrongs, _AT_ONCE)):
+        for gain, wrong in zip(in_parallel(partial(gained, some), len(some)), some, strict=True):
+            if gain > _PROMISING or (wrong.kind in OF_THERMOSTATS and wrong.about in odd):
+                gains.append(gain)
+                kept.append(wrong)
+    return gains, kept
 
 
 def _release(wrong: Wrong) -> None:

@@ -232,7 +232,7 @@ class Problem:
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where a simulation fails."""
-        with self._densities.borrowed(len(z)) as density:
+        with self._densities.borrowed(self._density, len(z)) as density:
             value, gradient = (density or self._in_python)(z)
         if any(window.measured_switches is not None for window in self.windows) and math.isfinite(value):
             return self._with_thresholds(z, value, gradient)
@@ -296,7 +296,7 @@ class Problem:
             (window.target, run.temperatures, window.numbers(theta), run.error_variance, window.scales(theta))
             for window, run, theta in zip(self.windows, runs, thetas, strict=True)
         ]
-        with self._likelihoods.borrowed(given[0][2].shape[1]) as likelihood:
+        with self._likelihoods.borrowed(self._likelihood, given[0][2].shape[1]) as likelihood:
             return likelihood(*given)
 
     def _inside(self, z: FloatArray, prior: PriorTerms) -> Iterator[tuple[Window, PriorTerms]]:
@@ -305,11 +305,17 @@ class Problem:
 
     @cached_property
     def _densities(self) -> Spare[NativeDensity | None]:
-        return Spare(lambda d: self.native_density(Whitening(np.zeros(d), np.eye(d))))
+        return Spare()
+
+    def _density(self, dimensions: int) -> NativeDensity | None:
+        return self.native_density(Whitening(np.zeros(dimensions), np.eye(dimensions)))
 
     @cached_property
     def _likelihoods(self) -> Spare[Likelihood]:
-        return Spare(lambda numbers: Likelihood([window.terms for window in self.windows], numbers))
+        return Spare()
+
+    def _likelihood(self, numbers: int) -> Likelihood:
+        return Likelihood([window.terms for window in self.windows], numbers)
 
     # --- its curvature ------------------------------------------------------------------------------------------
 

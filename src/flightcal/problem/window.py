@@ -403,7 +403,7 @@ class Window:
     def of_residuals(self, theta: FloatArray, run: Trajectory) -> float:
         """Log likelihood of the temperatures, as if of this window alone, with the simulation at theta [q]."""
         given = self.target, run.temperatures, self.numbers(theta), run.error_variance, self.scales(theta)
-        with self._likelihoods.borrowed(given[2].shape[1]) as likelihood:
+        with self._likelihoods.borrowed(self._likelihood, given[2].shape[1]) as likelihood:
             return float(likelihood(given)[0])
 
     def _cotangents(self, temperatures_bar: FloatArray, variance_bar: FloatArray) -> tuple[FloatArray, ...]:
@@ -412,7 +412,10 @@ class Window:
 
     @cached_property
     def _likelihoods(self) -> Spare[Likelihood]:
-        return Spare(lambda numbers: Likelihood([self.terms], numbers))
+        return Spare()
+
+    def _likelihood(self, numbers: int) -> Likelihood:
+        return Likelihood([self.terms], numbers)
 
     def by_numbers(
         self, numbers_bar: FloatArray, settings_bar: FloatArray | None = None, scales_bar: FloatArray | None = None

@@ -178,7 +178,7 @@ class NetworkSimulator:
 
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]. Raises SimulationFailure."""
-        with self._memories.borrowed(1, 0, 0) as calls:
+        with self._memories.borrowed(self._memory, 1, 0, 0) as calls:
             try:
                 calls.simulate(np.array(theta))
             except SimulationFailure as failure:
@@ -284,7 +284,7 @@ class NetworkSimulator:
         def simulate(first: int) -> list[T]:
             part = slice(first, first + size)
             sizes = (0 if part is None else part.shape[1] for part in (scatter, heat))
-            with self._memories.borrowed(1 if few else WIDTH, *sizes) as calls:
+            with self._memories.borrowed(self._memory, 1 if few else WIDTH, *sizes) as calls:
                 count = len(thetas[part])
                 calls.simulations[0], calls.thetas[:count] = count, thetas[part]
                 if scatter is not None:
@@ -372,28 +372,27 @@ class NetworkSimulator:
     def rows(self) -> tuple[Row, ...]:
         """Calls of all kernels that simulations and their derivatives need."""
         calls = self.calls()
-        with self._memories.borrowed(WIDTH, 0, 0) as many:
+        with self._memories.borrowed(self._memory, WIDTH, 0, 0) as many:
             return (*calls.forward, *calls.backward, *many.forward, Program([]).row)
 
     @contextmanager
     def _linearised(self, theta: FloatArray) -> Iterator[Calls]:
         """Memory with the simulation at theta (that very array) and for its derivative."""
-        with self._derivatives.borrowed() as calls:
+        with self._derivatives.borrowed(self.calls) as calls:
             calls.simulate(theta)
             yield calls
 
     @cached_property
     def _derivatives(self) -> Spare[Calls]:
-        return Spare(self.calls)
+        return Spare()
 
     @cached_property
     def _memories(self) -> Spare[Calls]:
+        return Spare()
+
+    def _memory(self, lanes: int, scatter: int, acting: int) -> Calls:
         """For simulations without a derivative: so many at once, scattered switches and nodes that are heated."""
-
-        def make(lanes: int, scatter: int, acting: int) -> Calls:
-            return Calls(self, rooms=1 if lanes == 1 else _CHUNK, lanes=lanes, scatter=scatter, acting=acting)
-
-        return Spare(make)
+        return Calls(self, rooms=1 if lanes == 1 else _CHUNK, lanes=lanes, scatter=scatter, acting=acting)
 
     def release(self) -> None:
         """Give back the memory that is kept for the next simulations, while none goes on."""

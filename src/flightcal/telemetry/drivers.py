@@ -65,7 +65,7 @@ def driver_series(
         )
         open_gap &= gap > limit
         most = f"'fill: interpolate' bridges at most {limit / 60:.1f} min"
-        zero = f"0 {dataset[channel].attrs['units']}".strip()
+        zero = f"0 {dataset[channel].attrs.get('units', '')}".strip()
         advice = f"{most}, 'fill: previous_orbit' also longer gaps, and 'fill: {zero}' says what the driver is in them"
     elif period is None:
         advice = "'fill: previous_orbit' needs the orbital period, expected environment.period or an orbit"

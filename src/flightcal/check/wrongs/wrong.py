@@ -50,9 +50,9 @@ PIECES = 48
 """Of a window, each with heat of its own."""
 POWER = 0.25
 """Share by which a power is off, from which it is worth a word."""
-_STEP = 30.0
-"""s, of a simulation at most where shadows or modes begin at other times: the view's steps are short where its own do,
-and a small node that meets the Sun in a long one is thrown far off."""
+_STEPS, _SHORTEST, _LONGEST = 190, 30.0, 120.0
+"""Of an orbit, and s that they last, of a simulation where shadows or modes begin at other times: the view's steps are
+short where its own do, and a small node that meets the Sun in a long one is thrown far off."""
 _FIRST_STEPS = (2.0, 6.0, 14.0)
 """s, when the first ones end: where it is in the shadow then, a small node is far from what it starts at."""
 _MANY_MINUTES = 9000.0
@@ -142,7 +142,8 @@ def driven(
     """
     drive, columns = view.network.drive, view.network.network.columns
     if scenario is not None or sunlight or modes or gaining or timeline:
-        drive = divided(drive, np.append(_FIRST_STEPS, np.arange(_STEP, drive.times[-1], _STEP)))
+        step = float(np.clip(view.window.period / _STEPS, _SHORTEST, _LONGEST))
+        drive = divided(drive, np.append(_FIRST_STEPS, np.arange(step, drive.times[-1], step)))
     inputs, measured = drive.inputs.copy(), drive.measured
     if scenario is not None:
         fine = np.union1d(view.sunlight.times(scenario, 0.0, drive.times[-1]), drive.times)
