@@ -58,6 +58,12 @@ def test_what_nobody_means_is_refused_with_its_line(edited, old, new, message):
         ("chains: 4", "max_r_hat: 1.5", "found 1.5, expected about 1.01"),
         ("chains: 4", "min_ess: 5", "found 5, expected about 400"),
         ("  conductors:\n", "    lone: {capacity: 5 J/K, initial: 3 degC}\n  conductors:\n", "its heat cannot leave"),
+        (
+            "environment:\n",
+            "environment:\n  earth: {radius: 12756 km}\n",
+            "found 12756 km, expected 6300 to 6500 km, as the Earth has it",
+        ),
+        ("column: I_SUN, unit", "column: [I_BUS, U_BUS], combine: product, unit", "or one driver of several loads"),
         ("environment:\n", "environment:\n  solar_constant: 950 W/m^2\n", "found 950 (SI), expected 1300 to 1420"),
         ("albedo: 0.3", "albedo: 0.03", "found 0.03 (SI), expected 0.05 to 0.9, as the Earth and the Sun have it"),
         ("column: [TT_RAD_A, TT_RAD_B], combine: mean", "column: TT_BAT", "found the column 'TT_BAT', which"),

@@ -43,3 +43,15 @@ def test_a_driver_that_drives_nothing_is_not_said(tmp_path):
 
 def test_a_driver_that_is_held_has_no_gaps(tmp_path):
     assert list(bridged(*case(tmp_path, "hold", [(50, 70)]))) == []
+
+
+def test_inputs_that_have_one_gap_are_said_together(tmp_path):
+    written = small.content()
+    written["telemetry"]["channels"]["moon"] = written["telemetry"]["channels"]["sun"]
+    written["simulator"]["loads"]["moon"] = written["simulator"]["loads"]["sun"] | {"driver": "moon"}
+    scenario, data = small.closed_loop(tmp_path, written)
+    for name in ("sun", "moon"):
+        data[name].values[50:58] = np.nan
+    (found,) = bridged(scenario, data)
+    assert found.channel == "sun, moon"
+    assert found.detail.startswith("'sun', 'moon' drive the simulator and have no sample for 9.0 min")

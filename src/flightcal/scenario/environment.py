@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from datetime import datetime
-from typing import Annotated, Any, Literal, cast, get_args
+from typing import Annotated, Any, Final, Literal, cast, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -276,6 +276,10 @@ OF_EARTH_AND_SUN = {
     "solar_constant": (1300.0, 1420.0),
 }
 """Fields of the environment -> between what the Earth and the Sun have, SI; zero leaves it out."""
+
+
+EARTH_RADII: Final = (6.3e6, 6.5e6)
+"""m, between which the radius of what casts the shadow is."""
 
 
 class Earth(Block):

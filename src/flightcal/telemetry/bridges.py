@@ -28,26 +28,34 @@ def measured_inputs(scenario: Scenario) -> dict[str, Fill]:
 
 
 def bridged(scenario: Scenario, dataset: xr.Dataset, period: float | None = None) -> Iterator[QualityRecord]:
-    """A record of each gap of a measured input that reaches into a window and is longer than `SHORT_GAP` intervals.
+    """A record of each gap of measured inputs that reaches into a window and is longer than `SHORT_GAP` intervals.
 
-    period: of the orbit, s; default: that of the dataset. `first` and `last`: the samples on both sides.
+    Inputs that have the same gap, as those of one packet, share a record. period: of the orbit, s; default: that of the
+    dataset. `first` and `last`: the samples on both sides.
     """
     period = period or dataset.attrs.get("period_s")
+    gaps: dict[tuple[str, str, np.datetime64, np.datetime64], list[str]] = {}
+    counts: dict[str, tuple[int, float]] = {}
     for channel, fill in measured_inputs(scenario).items():
         if is_told(fill):
             continue
         seconds, _, interval = valid_samples(dataset, channel)
+        counts[channel] = len(seconds), interval
         times = np.round(seconds * 1e9).astype(np.int64).astype("datetime64[ns]")
         long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
         by = "values of other orbits" if fill == "previous_orbit" else "a straight line"
         for window, written in scenario.windows.items():
             start, end = window_bounds(written, period)
             for k in long[(times[long] < end) & (times[long + 1] > start)]:
-                length = float(seconds[k + 1] - seconds[k])
-                missing = round(length / interval) - 1
-                detail = (
-                    f"'{channel}' drives the simulator and has no sample for {length / 60:.1f} min from "
-                    f"{clock_text(times[k])} in window '{window}'; bridged by {by}, so temperatures may be off there"
-                )
-                share = missing / (missing + len(seconds))
-                yield QualityRecord(channel, "bridged", missing, share, times[k], times[k + 1], detail)
+                gaps.setdefault((window, by, times[k], times[k + 1]), []).append(channel)
+    for (window, by, first, last), channels in gaps.items():
+        length = (last - first) / np.timedelta64(1, "s")
+        samples, interval = counts[channels[0]]
+        missing = round(length / interval) - 1
+        drive, have = ("drives", "has") if len(channels) == 1 else ("drive", "have")
+        named = ", ".join(map(repr, channels))
+        detail = (
+            f"{named} {drive} the simulator and {have} no sample for {length / 60:.1f} min from "
+            f"{clock_text(first)} in window '{window}'; bridged by {by}, so temperatures may be off there"
+        )
+        yield QualityRecord(", ".join(channels), "bridged", missing, missing / (missing + samples), first, last, detail)

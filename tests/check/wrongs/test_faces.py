@@ -59,6 +59,22 @@ def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, 
     assert said in first.sentence
 
 
+def test_axes_of_the_other_hand_are_named(tmp_path):
+    written = boxed()
+    faces = written["simulator"]["faces"]
+    for name, sign, absorptivity in (("front_cells", 1, 0.8), ("back_cells", -1, 0.3)):
+        looks = {"normal": [sign, 0, 0], "absorptivity": absorptivity, "emissivity": 0.8}
+        faces[name] = {"node": "body", "area": "0.05 m^2", **looks}
+    _, data = small.closed_loop(tmp_path, written)
+    for face in faces.values():
+        x, y, z = face["normal"]
+        face["normal"] = [-x, y, z]
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title == "The body's axes are others"
+    assert "turned to -x, +y, +z" in first.sentence
+
+
 def winged():
     """The satellite with two wings of two sides, one at each of its nodes."""
     model = boxed()

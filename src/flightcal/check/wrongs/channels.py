@@ -18,6 +18,8 @@ _BIASES = ((8.0, 0.8), (40.0, 0.2))
 """K, prior deviations of a channel's bias, and how often: of a poor calibration, and of a wrong one."""
 _OTHER_UNIT = 20.0
 """K, of a bias that may be one unit read as another."""
+_MOST_BIAS = 100.0
+"""K, beyond which it is no bias."""
 _DRIFT = 8.0
 """K, prior deviation of a channel's drift over the window."""
 _CURVE = 6.0
@@ -56,7 +58,10 @@ def biases(view: Comparison) -> Iterator[Wrong]:
                 f"'observations: {{{channel}: {{bias: {bias:.1f} K}}}}'",
             )
 
-        yield Wrong("bias", channel, words, columns=column, least=1.0 / size, tries=len(view.channels) / often)
+        yield Wrong(
+            "bias", channel, words, columns=column, least=1.0 / size, most=_MOST_BIAS / size,
+            tries=len(view.channels) / often,
+        )  # fmt: skip
 
 
 def gains(view: Comparison) -> Iterator[Wrong]:

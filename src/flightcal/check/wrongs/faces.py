@@ -25,8 +25,6 @@ _ALONG = 0.99
 """Cosine from which a side looks the way it did, or the way that the other side did; or a turn is about an axis."""
 _SAME = 1e-6
 """One less a cosine, below which two ways are the same."""
-_NO_TURN = 0.1
-"""rad, less than a turn to other axes."""
 _TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
 """deg, by which the body is turned about one of its axes that are tried first."""
 _LEAST_TILT = 8.0
@@ -155,18 +153,18 @@ def elsewhere(view: View) -> Iterator[Wrong]:
 
 
 def _axes(view: View) -> Iterator[Wrong]:
-    """The body's axes are others."""
-    for rotation in Rotation.create_group("O"):
-        if rotation.magnitude() < _NO_TURN:
-            continue
-        named = [_named(axis) for axis in rotation.as_matrix().T]
+    """The body's axes are others, or one of them points the other way, as where axes are left-handed."""
+    turns = Rotation.create_group("O").as_matrix()
+    ways = [way for turn in turns for way in (turn, -turn) if not np.allclose(way, np.eye(3))]
+    for way in ways:
+        named = [_named(axis) for axis in way.T]
         words = Words(
             "The body's axes are others",
             f"With +x, +y and +z of all faces turned to {', '.join(named)}, sunlight and Earth's heat explain the "
             "telemetry.",
             "Check the axes of 'normal' in 'simulator: faces' beside those of 'attitude'",
         )
-        yield from driven_otherwise("attitude", "axes", words, view, tries=23, scenario=_looking(view, rotation))
+        yield from driven_otherwise("attitude", "axes", words, view, tries=len(ways), scenario=_looking(view, way))
 
 
 def _exchanged(view: View, normals: Mapping[str, FaceNormal]) -> Iterator[Wrong]:
@@ -223,7 +221,7 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
     angle = float(np.linalg.norm(turn))
     if angle < _LEAST_TILT:
         return
-    rotation = Rotation.from_rotvec(turn, degrees=True)
+    looking = _looking(view, Rotation.from_rotvec(turn, degrees=True).as_matrix())
     about = ", ".join(f"{own:+.0f}" for own in turn)
     advice = "Check 'attitude' in 'environment', and the axes of 'normal' in 'simulator: faces'"
     words = Words(
@@ -238,7 +236,13 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
             yield from _tilt(view, turn + 0.5 * apart * np.array(step), 0.5 * apart)
 
     yield from driven_otherwise(
-        "attitude", "tilt", words, view, tries=_TILTED_WAYS, closer=around, scenario=_looking(view, rotation)
+        "attitude",
+        "tilt",
+        words,
+        view,
+        tries=_TILTED_WAYS,
+        closer=around,
+        scenario=looking,
     )
 
 
@@ -255,21 +259,21 @@ def _otherwise_spun(view: View, turn: FloatArray) -> str:
     return f"Write 'phase: {phase:.0f} deg' in 'environment: attitude': so far the body has turned at 'epoch'"
 
 
-def _looking(view: View, rotation: Rotation) -> Scenario:
-    """The scenario of a view with all faces turned."""
+def _looking(view: View, turn: FloatArray) -> Scenario:
+    """The scenario of a view with all faces turned, or mirrored; turn: [3, 3], orthogonal."""
     model = view.window.scenario.network
     looking = {
-        name: face.model_copy(update={"normal": _rotated(face.normal, rotation)}) for name, face in model.faces.items()
+        name: face.model_copy(update={"normal": _rotated(face.normal, turn)}) for name, face in model.faces.items()
     }
     return view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
 
 
-def _rotated(normal: FaceNormal, rotation: Rotation) -> FaceNormal:
+def _rotated(normal: FaceNormal, turn: FloatArray) -> FaceNormal:
     if isinstance(normal, SunTracking):
-        return normal.model_copy(update={"tracks_sun_about": _rotated(normal.tracks_sun_about, rotation)})
+        return normal.model_copy(update={"tracks_sun_about": _rotated(normal.tracks_sun_about, turn)})
     if normal == "all":
         return normal
-    x, y, z = rotation.apply(np.array(normal)).tolist()
+    x, y, z = (turn @ np.array(normal)).tolist()
     return x, y, z
 
 

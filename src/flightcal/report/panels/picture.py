@@ -22,6 +22,7 @@ MOST_HEATERS = 3
 MOST_OF_A_NAME = 24
 """Characters of a name beside which its title says more and fits on a phone."""
 HEIGHTS = Heights(channel=128, heater=40, gap=30)
+_WORST = "worst of {}"
 _LEAST = 50
 """Stretches of a series of which the picture has the extremes, however many other plots the page has."""
 _WIDE, _LEAST_WIDE = 2.0, 5.0
@@ -53,6 +54,8 @@ class Chosen:
     """None where there is one channel."""
     share: dict[str, float]
     """Of each channel's telemetry inside its interval."""
+    why: str
+    """Why the first is shown."""
 
     @property
     def channels(self) -> list[str]:
@@ -76,7 +79,7 @@ def panel(run: RunFiles) -> list[Block]:
         if name in chosen.share:
             titles[name] += f": {percent(chosen.share[name], 0)} inside"
         if name == chosen.worst and chosen.typical is not None:
-            titles[name] += f", worst of {window.sizes['channel']}"
+            titles[name] += f", {chosen.why}"
     figure = figure_stochastic(shown, max(bins(run) // 2, _LEAST), heights=HEIGHTS, titles=titles)
     figure.update_layout(showlegend=False, margin={"t": 24})
     seen = "which was not trained on" if chosen.window in run.test_windows else "which was trained on"
@@ -152,21 +155,23 @@ def choose(run: RunFiles) -> Chosen | None:
         window, worst = min(rooms, key=lambda place: (min(rooms[place][0], 0.0), rooms[place][1]))
         # Where all hold, what the verdict may name is the channel whose noise is not what was assumed, or a wide one.
         noisy = [own for of in run.checks_of_training.values() for own in of if own.verdict == "contradicted"]
+        why = _WORST.format(sum(own == window for own, _ in rooms))
         if noisy and rooms[window, worst][0] >= 0.0:
-            worst = max(noisy, key=lambda own: own.factor).channel
+            worst, why = max(noisy, key=lambda own: own.factor).channel, "noise not as assumed"
         elif (wide := wide_intervals(run)) and rooms[window, worst][0] >= 0.0:
-            window, worst = wide[0].window, wide[0].channel
+            window, worst, why = wide[0].window, wide[0].channel, "interval says nothing"
         others = sorted((room, channel) for (own, channel), (room, _) in rooms.items() if own == window)
         others = [own for own in others if own[1] != worst]
         share = {channel: share for (own, channel), (_, share) in rooms.items() if own == window}
-        return Chosen(window, worst, others[len(others) // 2][1] if others else None, share)
+        return Chosen(window, worst, others[len(others) // 2][1] if others else None, share, why)
     predicted = [name for name, window in run.windows.items() if has_prediction(window, "stochastic")]
     if not predicted:
         return None
     window = next((name for name in predicted if name in run.test_windows), predicted[0])
     errors = _errors(run.windows[window])
     order = sorted(errors, key=lambda name: -errors[name])
-    return Chosen(window, order[0], order[(1 + len(order)) // 2] if len(order) > 1 else None, {})
+    typical = order[(1 + len(order)) // 2] if len(order) > 1 else None
+    return Chosen(window, order[0], typical, {}, _WORST.format(len(order)))
 
 
 def _errors(window: xr.Dataset) -> dict[str, float]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from ..blocks import readable
 from ..document import Location, Problem
 from ..environment import (
+    EARTH_RADII,
     OF_EARTH_AND_SUN,
     AttitudeTimeline,
     CircularOrbit,
@@ -60,6 +61,10 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         if value and not low <= value <= high:
             message = f"found {value:g} (SI), expected {low:g} to {high:g}, as the Earth and the Sun have it"
             yield Problem(("environment", field), message, warning=True)
+    low, high = EARTH_RADII
+    if not low <= environment.earth.radius <= high:
+        found = f"found {environment.earth.radius / 1e3:g} km, expected {low / 1e3:g} to {high / 1e3:g} km"
+        yield Problem(("environment", "earth", "radius"), f"{found}, as the Earth has it with its air", warning=True)
     if isinstance(orbit, SampledOrbit):
         yield from file_exists(folder, orbit.positions, "a path", ("environment", "orbit", "positions"))
     here: Location = ("environment", "attitude")

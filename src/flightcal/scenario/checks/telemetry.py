@@ -88,17 +88,20 @@ def _check_status(channel: Channel, location: Location) -> Iterator[Problem]:
 
 
 def _check_shared(reading: Reading) -> Iterator[Problem]:
-    """Two observed channels of a kind had better not read one column: the same samples would count twice."""
+    """Two observed channels or drivers had better not read one column: the same samples would count twice."""
     first: dict[tuple[str, str | None, tuple[int, ...] | None, str], str] = {}
     channels = readable(reading.blocks.channels)
-    for name in reading.blocks.observations:
-        if (channel := channels.get(name)) is None:
+    for name, channel in channels.items():
+        if channel.kind != "driver" and name not in reading.blocks.observations:
             continue
-        for column in channel.column:
+        # Drivers that several columns make are the same where all columns are.
+        for column in (", ".join(channel.column),) if channel.kind == "driver" else channel.column:
             other = first.setdefault((channel.kind, channel.packet, channel.bits, column), name)
             if other != name:
                 message = f"found the column {show(column)}, which {other!r} reads too"
                 wanted = "expected different ones: the same samples would count twice"
+                if channel.kind == "driver":
+                    wanted = "expected different ones, or one driver of several loads"
                 yield Problem(("telemetry", "channels", name, "column"), f"{message}, {wanted}", warning=True)
 
 
