@@ -4,6 +4,7 @@ import dataclasses
 import json
 
 import numpy as np
+import pytest
 
 from flightcal.calibration import Calibrated, FixedNumbers
 from flightcal.report.panels.parameters import at_edge, footing
@@ -141,6 +142,18 @@ def test_time_tags_farther_off_than_their_prior_allows_put_all_intervals_of_para
     finding = about(dataclasses.replace(scored(run, battery_link=4.2), parameters=infos), "battery_link lies 4.2")
     assert finding.not_for == ("intervals of parameters",)
     assert "write how far they may be off, such as 'time_error: 30 s'" in finding.text
+
+
+@pytest.mark.parametrize(("seconds", "state"), [(9.0, "warn"), (11.0, "bad")])
+def test_a_time_error_far_shorter_than_lies_between_samples_is_no_problem(run, seconds, state):
+    infos = [dataclasses.replace(p, kind="time") if p.name == "battery_link" else p for p in run.parameters]
+    own = [
+        dataclasses.replace(p, kind="time", mean=-seconds) if p.name == "battery_link" else p for p in run.calibrated
+    ]
+    far = dataclasses.replace(scored(run, battery_link=6.0), parameters=infos, calibrated=tuple(own))
+    finding = about(far, "battery_link lies 6.0")
+    assert finding.state == state
+    assert ("short beside the time between samples" in finding.text) == (state == "warn")
 
 
 def test_a_posterior_that_the_telemetry_hardly_narrows_is_not_to_be_far_off(run):

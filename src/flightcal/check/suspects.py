@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import FlightcalError, TelemetryError
 from ..problem import Problem, Window, build_problem
+from ..progress import SILENT, Progress
 from ..run import Run, Stage, plain, read_json, typed
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import select_window
@@ -43,7 +44,9 @@ _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
 """Kinds of wrongs that explain why a status that changes does not do what thresholds say; see `OF_THERMOSTATS`."""
 
 
-def suspects(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns | None = None) -> Suspects:
+def suspects(
+    problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns | None = None, *, progress: Progress = SILENT
+) -> Suspects:
     """What is likely to be wrong with a scenario or its telemetry, by its first training window.
 
     What a channel shows by itself is looked for in every window. telemetry: what the problem was built from.
@@ -76,7 +79,7 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns 
         return _beside_runs(replace(ensemble, telemetry=_known(telemetry, window.times, seen)), found)
     if view is None:
         return Suspects(tuple(found), False, why_not)
-    return _beside_a_network(replace(view, telemetry=_known(view.telemetry, window.times, seen)), found)
+    return _beside_a_network(replace(view, telemetry=_known(view.telemetry, window.times, seen)), found, progress)
 
 
 def _seen(
@@ -146,7 +149,7 @@ def _ensemble(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns
     return ensemble
 
 
-def _beside_a_network(view: View, found: list[Suspicion]) -> Suspects:
+def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) -> Suspects:
     """What was found, and what explains the telemetry of a thermal network."""
     if not np.isfinite(view.observed).any():
         return Suspects(tuple(found), True)
@@ -156,7 +159,7 @@ def _beside_a_network(view: View, found: list[Suspicion]) -> Suspects:
     except SimulationFailure as failure:
         return Suspects(tuple(found), False, str(failure))
     odd = list(disobeyed(view.window))
-    better = compared(view, base, nothing, _concerned(view, [name for name, _, _ in odd]))
+    better = compared(view, base, nothing, _concerned(view, [name for name, _, _ in odd]), progress)
     helps = [(fit, suspicion_of(wrong, fit, nats)) for fit, wrong, nats in better]
     likely, where = ranked(helps, nothing), None
     if not likely and not nothing.is_usual:
@@ -195,7 +198,7 @@ def _concerned(view: View, heaters: Collection[str]) -> set[str]:
 
 
 def _make(run: Run, problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns | None = None) -> None:
-    run.folder.write_json(SUSPECTS_FILE, plain(suspects(problem, telemetry, prior_runs)))
+    run.folder.write_json(SUSPECTS_FILE, plain(suspects(problem, telemetry, prior_runs, progress=run.progress)))
 
 
 def _kept(run: Run, *_: Any) -> Suspects:

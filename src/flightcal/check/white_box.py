@@ -14,6 +14,7 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
+from ..progress import SILENT, Progress
 from ..report import UNEXPLAINED
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .evidence import Fit, Gaussian, climbed, gaussian
@@ -65,7 +66,9 @@ class _Look:
     """Evidence with nothing wrong."""
 
 
-def compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> list[tuple[Fit, Wrong, float]]:
+def compared(
+    view: View, base: Point, nothing: Fit, odd: Collection[str], progress: Progress = SILENT
+) -> list[tuple[Fit, Wrong, float]]:
     """What is far better than nothing wrong, each once and with its nats, the best first.
 
     odd: heaters that do not what their thresholds say, and what their sensors read: there something is wrong.
@@ -73,7 +76,7 @@ def compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> lis
     known = np.isfinite(view.as_read)
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     looks = [replace(look, around=look.around.in_modes()) for look in looks]
-    chosen = finalists(*_promising(view, looks, odd), odd)
+    chosen = finalists(*_promising(view, looks, odd, progress), odd)
 
     def named(k: int) -> tuple[Fit, Wrong, float] | None:
         try:
@@ -96,7 +99,9 @@ def compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> lis
     return list(once.values())
 
 
-def _promising(view: View, looks: Sequence[_Look], odd: Collection[str]) -> tuple[list[float], list[Wrong]]:
+def _promising(
+    view: View, looks: Sequence[_Look], odd: Collection[str], progress: Progress
+) -> tuple[list[float], list[Wrong]]:
     """Nats of a first look of the wrongs that may be looked at closely, and these.
 
     The others are let go: a thousand windows to simulate would take gigabytes.
@@ -112,12 +117,15 @@ def _promising(view: View, looks: Sequence[_Look], odd: Collection[str]) -> tupl
 
     gains: list[float] = []
     kept: list[Wrong] = []
+    tried = 0
     wrongs = chain(all_wrongs(view), _now_and_then(view, looks[1]))
     while some := list(islice(wrongs, _AT_ONCE)):
         for gain, wrong in zip(in_parallel(partial(gained, some), len(some)), some, strict=True):
             if gain > _PROMISING or (wrong.kind in OF_THERMOSTATS and wrong.about in odd):
                 gains.append(gain)
                 kept.append(wrong)
+        tried += len(some)
+        progress.at(tried, f"{tried} tried, {len(kept)} to look at closely")
     return gains, kept
 
 

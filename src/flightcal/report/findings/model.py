@@ -25,6 +25,8 @@ NARROWED = 1.3
 """Factor up to which residuals that are not quite the noise that is assumed are of no practical weight."""
 OFF = 0.01
 """Probability that a right model is cautioned about for one of its channels, priors or heaters."""
+_SHORT = 0.25
+"""Of the time between samples: no packet says when in it a sensor was read."""
 _NARROWED_MUCH = 0.8
 """Usual deviation of a normal score, from which that is worth no word."""
 UNEXPLAINED = "everything"
@@ -258,6 +260,9 @@ def prior_conflict(run: RunFiles) -> Finding:
                 "tags, or write how far they may be off, such as 'time_error: 30 s'."
             )
             not_for = ("intervals of parameters", *not_for)
+            if _between_samples(run, named):
+                state = "warn"
+                text += " It is short beside the time between samples, and so moves temperatures by little."
         not_for = (*_unmeasured(run, heaters), *not_for)
         return Finding(state, _far_title(believed, named), text, not_for=not_for, then=CHECK)
     starts = _conflict({name: out_by[name] for name in guessed})
@@ -275,6 +280,16 @@ def prior_conflict(run: RunFiles) -> Finding:
         f"{len(out_by)} priors that is to be expected."
     )
     return Finding("good", "Posteriors lie where their priors expect them", text)
+
+
+def _between_samples(run: RunFiles, named: list[str]) -> bool:
+    """Whether what is named are time errors alone, each far shorter than the telemetry tells times."""
+    errors = [own.mean for own in run.calibrated if own.kind == "time" and own.name in named]
+    times = [window["time"].values for window in run.windows.values() if window.sizes["time"] > 1]
+    if len(errors) < len(named) or not times:
+        return False
+    apart = min(float(np.median(np.diff(own)) / np.timedelta64(1, "s")) for own in times)
+    return max(map(abs, errors)) < _SHORT * apart
 
 
 def lasting_noise(run: RunFiles) -> list[Finding]:
