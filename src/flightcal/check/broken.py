@@ -41,6 +41,8 @@ _FILLED, _FAR = 3, 5.0
 """Times that one number comes, and K that it is away from the samples around it, which stands for no reading."""
 _SLOPE, _CLIPPED = 3, 1.0
 """Samples over which a slope is taken; K, by which a temperature goes on where readings stop."""
+_RESTS = 10.0
+"""Times that a motion slows more than a parabola, where it comes to rest."""
 _MOST_SPIKES = 3
 _SPIKE = (3.0, 12.0, 4.0, 2.0)
 """A spike is larger than so many K, so many deviations of the noise, so many times what is usual, and so many times
@@ -107,8 +109,8 @@ def _clipped(channel: str, times: NDArray[np.datetime64], own: FloatArray, model
         edges = np.flatnonzero(np.diff(np.concatenate([[0], (own == extreme).astype(int), [0]])))
         first, last = edges[::2], edges[1::2]
         after = np.minimum(last, len(own) - 1)
-        rise, before = _motion(own, first - 1, -_SLOPE)
-        fall, later = _motion(own, after, _SLOPE)
+        rise, before = _motion(own, first - 1, -_SLOPE, last - first)
+        fall, later = _motion(own, after, _SLOPE, last - first)
         # At an end of the window one slope is known, and speaks for both.
         known = first > _SLOPE, last < len(own) - _SLOPE
         rise, fall = np.where(known[0], rise, np.inf), np.where(known[1], fall, np.inf)
@@ -127,15 +129,18 @@ def _clipped(channel: str, times: NDArray[np.datetime64], own: FloatArray, model
     return None
 
 
-def _motion(own: FloatArray, places: NDArray[np.int64], step: int) -> tuple[FloatArray, FloatArray]:
-    """K a sample by which values [t] move up to each place, and K by which they would go on if they slow as they do.
+def _motion(
+    own: FloatArray, places: NDArray[np.int64], step: int, lengths: NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray]:
+    """K a sample by which values [t] move up to each place, and K by which they go on where they come to rest.
 
-    step: samples back, or on where it is positive.
+    step: samples back, or on where it is positive; lengths: samples that it then takes until they move again. They come
+    to rest where they slow far more than a parabola does that turns in so long; elsewhere the second is infinite.
     """
     at = (np.clip(places + k * step, 0, len(own) - 1) for k in range(3))
     last, middle, first = (own[place] for place in at)
     moved, earlier = np.abs(last - middle), np.abs(middle - first)
-    slows = moved < earlier
+    slows = (earlier - moved) * lengths > _RESTS * 2.0 * abs(step) * moved
     goes_on = np.full(len(places), np.inf)
     goes_on[slows] = moved[slows] ** 2 / (earlier - moved)[slows]
     return moved / abs(step), goes_on

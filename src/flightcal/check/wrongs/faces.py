@@ -25,6 +25,8 @@ _ALONG = 0.99
 """Cosine from which a side looks the way it did, or the way that the other side did; or a turn is about an axis."""
 _SAME = 1e-6
 """One less a cosine, below which two ways are the same."""
+_MIRRORED = 100
+"""Of the same kind as turned axes, and as much less frequent: one face that looks the other way is often the same."""
 _TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
 """deg, by which the body is turned about one of its axes that are tried first."""
 _LEAST_TILT = 8.0
@@ -154,9 +156,10 @@ def elsewhere(view: View) -> Iterator[Wrong]:
 
 def _axes(view: View) -> Iterator[Wrong]:
     """The body's axes are others, or one of them points the other way, as where axes are left-handed."""
-    turns = Rotation.create_group("O").as_matrix()
-    ways = [way for turn in turns for way in (turn, -turn) if not np.allclose(way, np.eye(3))]
-    for way in ways:
+    turns = [turn for turn in Rotation.create_group("O").as_matrix() if not np.allclose(turn, np.eye(3))]
+    mirrors = [np.diag(1.0 - 2.0 * axis) for axis in np.eye(3)]
+    ways = [*((turn, "axes", len(turns)) for turn in turns), *((mirror, "hand", _MIRRORED) for mirror in mirrors)]
+    for way, about, tries in ways:
         named = [_named(axis) for axis in way.T]
         words = Words(
             "The body's axes are others",
@@ -164,7 +167,7 @@ def _axes(view: View) -> Iterator[Wrong]:
             "telemetry.",
             "Check the axes of 'normal' in 'simulator: faces' beside those of 'attitude'",
         )
-        yield from driven_otherwise("attitude", "axes", words, view, tries=len(ways), scenario=_looking(view, way))
+        yield from driven_otherwise("attitude", about, words, view, tries=tries, scenario=_looking(view, way))
 
 
 def _exchanged(view: View, normals: Mapping[str, FaceNormal]) -> Iterator[Wrong]:
