@@ -1,6 +1,8 @@
 """Scenario in, telemetry out: the simulator of a whole scenario against an integration that shares nothing with it."""
 
+import gc
 import threading
+import weakref
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from flightcal.environment import face_fluxes
-from flightcal.problem import build_window
+from flightcal.problem import build_problem, build_window
 from flightcal.scenario.network import DEEP_SPACE
 from flightcal.simulator import SimulationFailure, open_loop
 from flightcal.simulator.assembly import assemble
@@ -531,3 +533,34 @@ def test_memory_that_is_given_back_changes_no_simulation(tmp_path):
     simulator.release()
     assert "_memories" not in vars(simulator)
     np.testing.assert_array_equal(simulator.simulate(theta).temperatures, before)
+
+
+def test_a_simulator_that_is_let_go_gives_back_its_memory_at_once(tmp_path):
+    """Without garbage collection, which arrays of gigabytes do not hasten."""
+    scenario, data = small.load(tmp_path, small.content())
+    simulator = small.simulator_of(scenario, data, hours=1.0)
+    theta = small.theta_of(simulator)
+    gc.collect()
+    gc.disable()
+    try:
+        simulator.simulate_many(np.tile(theta, (9, 1)))
+        simulator.linearise(theta)
+        kept = weakref.ref(simulator)
+        del simulator
+        assert kept() is None
+    finally:
+        gc.enable()
+
+
+def test_a_problem_that_is_let_go_gives_back_its_memory_at_once(tmp_path):
+    scenario, data = small.load(tmp_path, small.content())
+    gc.collect()
+    gc.disable()
+    try:
+        problem = build_problem(scenario, data)
+        problem.log_density_and_gradient(problem.to_z(problem.priors.median()))
+        kept = weakref.ref(problem)
+        del problem
+        assert kept() is None
+    finally:
+        gc.enable()
