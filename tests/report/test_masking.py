@@ -21,6 +21,7 @@ from .packed import drawn, without_scripts
 from .synthetic_run import CHANNELS, HEATERS, PARAMETERS, every_finding
 
 NAMES = [*CHANNELS, *HEATERS, *(own[0] for own in PARAMETERS), "panel", "battery", "payload", "safe_hold", "Toy"]
+NAMES += ["sunwatch", "moonwatch"]
 TREACHEROUS = (
     "payload at 285.4 K in safe_hold, battery 12.5 degC, panel_link −3 °C, from 68.0..95.0 degC to 77.4 K and "
     "1234.5 K; 0.5 K is a difference"
@@ -48,6 +49,8 @@ def folder(slim_directory, tmp_path_factory):
     )
     quality = json.loads((own / "telemetry_quality.json").read_text("utf-8"))
     quality[0]["detail"] = TREACHEROUS
+    gap = "'sunwatch', 'moonwatch' drive the simulator and have no sample for 9.0 min"
+    quality.append(quality[0] | {"channel": "sunwatch, moonwatch", "finding": "bridged", "detail": gap})
     (own / "telemetry_quality.json").write_text(json.dumps(quality), "utf-8")
     diagnostics = json.loads((own / "diagnostics.json").read_text("utf-8"))
     diagnostics["gates"][0]["advice"] = TREACHEROUS

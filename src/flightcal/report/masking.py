@@ -103,7 +103,8 @@ def _named(run: RunFiles) -> Iterator[tuple[str, str]]:
     for window in run.windows.values():
         for kind in ("channel", "heater"):
             yield from ((kind, str(name)) for name in window.coords.get(kind, xr.DataArray([])).values)
-    yield from (("channel", str(own["channel"])) for own in run.quality or ())
+    # Of several inputs that have one gap, all.
+    yield from (("channel", name) for own in run.quality or () for name in str(own["channel"]).split(", "))
     yield from (("channel", own.channel) for own in run.metrics if own.channel != "all")
     yield from (("parameter", info.name) for info in run.parameters if info.kind == "parameter")
     yield from (("node", info.name.partition(".")[2]) for info in run.parameters if info.kind == "initial")
