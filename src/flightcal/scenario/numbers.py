@@ -150,7 +150,7 @@ def load_coefficient(load: Load, driver: Channel | None) -> tuple[str, float] | 
 
     Raises ValueError, as `to_si`.
     """
-    bare = load.table or (driver is not None and driver.is_state)
+    bare = load.table or (driver is not None and driver.is_state and driver.unit is None)
     unit = "W" if bare else _coefficient_unit(driver.unit if driver else None)
     if unit is None:
         return None

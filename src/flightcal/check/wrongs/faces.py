@@ -162,7 +162,7 @@ def _axes(view: View) -> Iterator[Wrong]:
     for way, about, tries in ways:
         named = [_named(axis) for axis in way.T]
         words = Words(
-            "The body's axes are others",
+            "The body's axes are others" if about == "axes" else "The body's axes are of the other hand",
             f"With +x, +y and +z of all faces turned to {', '.join(named)}, sunlight and Earth's heat explain the "
             "telemetry.",
             "Check the axes of 'normal' in 'simulator: faces' beside those of 'attitude'",

@@ -107,7 +107,8 @@ def _check_shared(reading: Reading) -> Iterator[Problem]:
 
 def _unit_problem(channel: Channel) -> str | None:
     if channel.is_state:
-        return None if channel.unit is None else f"found {show(channel.unit)}, expected no unit for a status"
+        of_what = "a status" if channel.kind == "status" else "a driver that is on or off"
+        return None if channel.unit is None else f"found {show(channel.unit)}, expected no unit for {of_what}"
     if channel.curve and channel.kind == "temperature":
         return None if channel.unit is None else f"found {show(channel.unit)} beside 'curve', expected one of them"
     is_temperature_channel = channel.kind == "temperature"
