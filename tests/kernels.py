@@ -5,7 +5,7 @@ Each of the two that run the tests would compile all of them.
 
 from pathlib import Path
 
-from flightcal.calibration.stages import warm
+from flightcal.calibration import warm
 from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
 from flightcal.telemetry import read

@@ -1,5 +1,7 @@
 """The log density against scipy's distributions, its derivatives against differences."""
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -336,3 +338,17 @@ def test_a_window_to_train_on_without_a_temperature_is_refused(tmp_path):
         data[channel].values[:] = np.nan
     with pytest.raises(TelemetryError, match="found no valid temperature, expected some to train on"):
         build_problem(scenario, data)
+
+
+def test_a_problem_that_is_let_go_gives_back_its_memory_at_once(tmp_path):
+    scenario, data = small.load(tmp_path, small.content())
+    gc.collect()
+    gc.disable()
+    try:
+        problem = build_problem(scenario, data)
+        problem.log_density_and_gradient(problem.to_z(problem.priors.median()))
+        kept = weakref.ref(problem)
+        del problem
+        assert kept() is None
+    finally:
+        gc.enable()

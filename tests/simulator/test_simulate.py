@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from flightcal.environment import face_fluxes
-from flightcal.problem import build_problem, build_window
+from flightcal.problem import build_window
 from flightcal.scenario.network import DEEP_SPACE
 from flightcal.simulator import SimulationFailure, open_loop
 from flightcal.simulator.assembly import assemble
@@ -547,20 +547,6 @@ def test_a_simulator_that_is_let_go_gives_back_its_memory_at_once(tmp_path):
         simulator.linearise(theta)
         kept = weakref.ref(simulator)
         del simulator
-        assert kept() is None
-    finally:
-        gc.enable()
-
-
-def test_a_problem_that_is_let_go_gives_back_its_memory_at_once(tmp_path):
-    scenario, data = small.load(tmp_path, small.content())
-    gc.collect()
-    gc.disable()
-    try:
-        problem = build_problem(scenario, data)
-        problem.log_density_and_gradient(problem.to_z(problem.priors.median()))
-        kept = weakref.ref(problem)
-        del problem
         assert kept() is None
     finally:
         gc.enable()

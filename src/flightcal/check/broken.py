@@ -137,8 +137,7 @@ def _motion(
     step: samples back, or on where it is positive; lengths: samples that it then takes until they move again. They come
     to rest where they slow far more than a parabola does that turns in so long; elsewhere the second is infinite.
     """
-    at = (np.clip(places + k * step, 0, len(own) - 1) for k in range(3))
-    last, middle, first = (own[place] for place in at)
+    last, middle, first = (own[np.clip(places + k * step, 0, len(own) - 1)] for k in range(3))
     moved, earlier = np.abs(last - middle), np.abs(middle - first)
     slows = (earlier - moved) * lengths > _RESTS * 2.0 * abs(step) * moved
     goes_on = np.full(len(places), np.inf)

@@ -14,7 +14,7 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import SILENT, Progress
+from ..progress import Progress
 from ..report import UNEXPLAINED
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .evidence import Fit, Gaussian, climbed, gaussian
@@ -67,7 +67,7 @@ class _Look:
 
 
 def compared(
-    view: View, base: Point, nothing: Fit, odd: Collection[str], progress: Progress = SILENT
+    view: View, base: Point, nothing: Fit, odd: Collection[str], progress: Progress
 ) -> list[tuple[Fit, Wrong, float]]:
     """What is far better than nothing wrong, each once and with its nats, the best first.
 

@@ -26,6 +26,7 @@ _MANY, _SHORTEST_GAP = 10, 15 * 60e9
 """An interval of more than so many usual ones, and of more ns than this, is a gap that a window had better not have."""
 _HEATER, _SUN = re.compile("htr|heat|thermostat"), re.compile("ecl|sun|umbra|shadow|day|night")
 _SOME = 3
+"""Temperatures, of which more than half seem to obey what tells the Sun."""
 _SHORTEST_WORD = 3
 """Letters that a heater's name and its node's have in common, such as bat of battery."""
 _EXACT = 0.1
@@ -107,7 +108,7 @@ def _without_vowels(word: str) -> str:
     return word[:1] + re.sub("[aeiou]", "", word[1:])
 
 
-def windows(dataset: xarray.Dataset, packets: Mapping[str, str], period: float | None = None) -> tuple[str, str, str]:
+def windows(dataset: xarray.Dataset, packets: Mapping[str, str], period: float | None) -> tuple[str, str, str]:
     """Start, middle and end of a stretch without long gaps in any packet, at most `_LONGEST` or `_ORBITS` of it.
 
     Where samples come in passes alone, of these: each half begins and ends with one. packets: of each channel.
@@ -162,8 +163,8 @@ def period(dataset: xarray.Dataset, nodes: Sequence[str]) -> float | None:
     span = float(seconds[first][-1])
     if span < _TURNS * _PERIODS[0]:
         return None
-    slowest = _TURNS / span
-    rates = np.arange(max(slowest, 1.0 / _PERIODS[1]), 1.0 / _PERIODS[0], 0.2 / span)
+    apart = 0.2 / span
+    rates = np.arange(max(_TURNS / span, 1.0 / _PERIODS[1]), 1.0 / _PERIODS[0], apart)
     shares = []
     for name in nodes:
         known = np.flatnonzero(first & np.isfinite(dataset[name].values))
@@ -184,7 +185,7 @@ def period(dataset: xarray.Dataset, nodes: Sequence[str]) -> float | None:
     before, top, after = share[np.clip([best - 1, best, best + 1], 0, len(share) - 1)]
     bend = before - 2.0 * top + after
     beside = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    return float(1.0 / (rates[best] + beside * 0.2 / span))
+    return float(1.0 / (rates[best] + beside * apart))
 
 
 def _stretches(times: NDArray[np.datetime64]) -> list[_Stretch]:

@@ -238,15 +238,7 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
         for step in product((-1.0, 0.0, 1.0), repeat=3):
             yield from _tilt(view, turn + 0.5 * apart * np.array(step), 0.5 * apart)
 
-    yield from driven_otherwise(
-        "attitude",
-        "tilt",
-        words,
-        view,
-        tries=_TILTED_WAYS,
-        closer=around,
-        scenario=looking,
-    )
+    yield from driven_otherwise("attitude", "tilt", words, view, tries=_TILTED_WAYS, closer=around, scenario=looking)
 
 
 def _otherwise_spun(view: View, turn: FloatArray) -> str:
