@@ -39,6 +39,9 @@ class Faces(Protocol):
     def at(self, select: slice | NDArray[np.int64]) -> Faces:
         """The same faces at some of the times."""
 
+    def in_axes(self, axes: Floats) -> Faces:
+        """The same faces, told in other axes: three unit vectors [T, 3, 3], one in each row."""
+
 
 @dataclass(frozen=True)
 class Flat:
@@ -55,23 +58,31 @@ class Flat:
         """The same faces at some of the times."""
         return Flat(self.normals[select])
 
+    def in_axes(self, axes: Floats) -> Flat:
+        """The same faces in other axes [T, 3, 3]."""
+        return Flat(self.normals @ np.swapaxes(axes, 1, 2))
+
 
 @dataclass(frozen=True)
 class Spun:
     """Faces on a body that spins fast about an axis fixed in space."""
 
     axis: Floats
-    """[3], unit vector, inertial."""
+    """[3], unit vector, inertial; or [T, 3], one for each time."""
     cosines: Floats
     """[F], cosine of the angle between each normal and the axis."""
 
     def cosine(self, direction: Floats) -> Floats:
         """Cosine of incidence [T, Q, F]; see `Faces`."""
-        return turn_mean_cosine(self.cosines, (direction @ self.axis)[..., None])
+        return turn_mean_cosine(self.cosines, direction @ self.axis[..., None])
 
     def at(self, select: slice | NDArray[np.int64]) -> Spun:
         """The same: nothing depends on time."""
         return self
+
+    def in_axes(self, axes: Floats) -> Spun:
+        """The same faces in other axes [T, 3, 3]."""
+        return Spun(axes @ self.axis, self.cosines)
 
 
 @dataclass(frozen=True)
@@ -84,6 +95,10 @@ class AllDirections:
 
     def at(self, select: slice | NDArray[np.int64]) -> AllDirections:
         """The same: nothing depends on time."""
+        return self
+
+    def in_axes(self, axes: Floats) -> AllDirections:
+        """The same: nothing depends on axes."""
         return self
 
 
@@ -173,16 +188,17 @@ def _integral(faces: Faces, position: Floats, sun: Floats, earth_radius: float, 
     blocks = []
     for first in range(0, len(position), _BLOCK):
         block = slice(first, first + _BLOCK)
-        weight, direction = _disc(position[block], sun[block], earth_radius, rings)
-        cosine = faces.at(block).cosine(direction)
+        axes, weight, direction = _disc(position[block], sun[block], earth_radius, rings)
+        cosine = faces.at(block).in_axes(axes).cosine(direction)
         blocks.append((weight[:, None, :] @ cosine)[:, 0, :])
     return np.concatenate(blocks)
 
 
-def _disc(position: Floats, sun: Floats, earth_radius: float, rings: int) -> tuple[Floats, Floats]:
-    """Quadrature of the Earth's disc: weights [T, Q] and directions to its points [T, Q, 3].
+def _disc(position: Floats, sun: Floats, earth_radius: float, rings: int) -> tuple[Floats, Floats, Floats]:
+    """Quadrature of the Earth's disc: axes [T, 3, 3], weights [T, Q] and directions to its points in them [T, Q, 3].
 
-    A weight is d(solid angle) / pi, times the cosine of the solar zenith angle there.
+    A weight is d(solid angle) / pi, times the cosine of the solar zenith angle there. The axes are ahead (level,
+    towards the Sun), across and up.
 
     Points lie on the ground around the nadir, at slant ranges D. There d(solid angle) = cos(emission
     angle) R / r d(ln D) d(azimuth), smooth up to the limb, unlike in the nadir angle; ln D = ln(height)
@@ -201,18 +217,17 @@ def _disc(position: Floats, sun: Floats, earth_radius: float, rings: int) -> tup
     weight = emission * (earth_radius / distance) * 2 * span * q * ring_weight * (2 / len(cosine_azimuth))
 
     up, ahead = _local_axes(position, sun)
-    across = np.cross(up, ahead)
-    outward = earth_radius * central_sine / slant
-    direction = (
-        (outward[:, :, None] * cosine_azimuth)[..., None] * ahead[:, None, None]
-        + (outward[:, :, None] * sine_azimuth)[..., None] * across[:, None, None]
-        + ((earth_radius * central_cosine - distance) / slant)[:, :, None, None] * up[:, None, None]
-    )
+    outward = (earth_radius * central_sine / slant)[:, :, None]
+    direction = np.empty((*outward.shape[:2], len(cosine_azimuth), 3))
+    np.multiply(outward, cosine_azimuth, out=direction[..., 0])
+    np.multiply(outward, sine_azimuth, out=direction[..., 1])
+    direction[..., 2] = ((earth_radius * central_cosine - distance) / slant)[:, :, None]
     towards = sun / np.linalg.norm(sun, axis=-1, keepdims=True)
     high, level = (np.sum(towards * axis, axis=-1)[:, None, None] for axis in (up, ahead))
     zenith = high * central_cosine[:, :, None] + level * central_sine[:, :, None] * cosine_azimuth
     found = weight[:, :, None] * np.maximum(zenith, 0.0)
-    return found.reshape(len(position), -1), direction.reshape(len(position), -1, 3)
+    axes = np.stack([ahead, np.cross(up, ahead), up], axis=1)
+    return axes, found.reshape(len(position), -1), direction.reshape(len(position), -1, 3)
 
 
 @lru_cache(maxsize=2)

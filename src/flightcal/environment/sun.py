@@ -20,6 +20,8 @@ OBLIQUITY = 0.4090926
 _APART = np.timedelta64(6, "h")
 _OFFSETS = np.arange(-2, 4)
 """Of the knots around a time, from the last one before it."""
+_SCALES = np.array([np.prod([float(own - rest) for rest in _OFFSETS if rest != own]) for own in _OFFSETS])
+"""What a knot's weight is at the knot itself, before it is made one."""
 
 
 def sun_position(times: Times) -> Floats:
@@ -33,11 +35,16 @@ def sun_position(times: Times) -> Floats:
     before = np.floor(elapsed).astype(np.int64)
     needed = before + _OFFSETS[:, None]
     knots, place = np.unique(needed, return_inverse=True)
-    at = elapsed - before
-    others = [np.delete(_OFFSETS, k) for k in range(len(_OFFSETS))]
-    weights = [np.prod((at[:, None] - rest) / (own - rest), axis=1) for own, rest in zip(_OFFSETS, others, strict=True)]
+    weights = _lagrange(elapsed - before)
     of_knots = _at_knots(tuple(knots.tolist()))[place.reshape(needed.shape)]
     return np.asarray(np.einsum("kt,ktx->tx", weights, of_knots))
+
+
+def _lagrange(at: Floats) -> Floats:
+    """Weights [K, T] of the knots around a time, `at` [T] from the last one before it."""
+    apart = at - _OFFSETS[:, None]
+    others = [np.prod(np.delete(apart, k, axis=0), axis=0) for k in range(len(_OFFSETS))]
+    return np.array(others) / _SCALES[:, None]
 
 
 @lru_cache(maxsize=64)
