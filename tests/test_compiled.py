@@ -99,7 +99,7 @@ def test_a_kernel_is_compiled_for_each_kind_of_call():
 
 def test_an_array_with_gaps_is_refused():
     with pytest.raises(TypeError, match="not contiguous"):
-        add_up.row(call_of([1.0])._replace(values=np.arange(6.0)[::2]))
+        add_up(call_of([1.0])._replace(values=np.arange(6.0)[::2]))
 
 
 def test_a_program_runs_until_a_kernel_does_not_return_0():

@@ -230,8 +230,8 @@ class Kernel:
         return made._cache.load_overload(made._sig, made._targetdescr.target_context) is not None
 
     def row(self, call: NamedTuple) -> Row:
-        """A call of this kernel, stored."""
-        return Row(self, Stored(call))
+        """A call of this kernel."""
+        return Row(self, call)
 
     def __call__(self, call: NamedTuple) -> int:
         """Run it once."""
@@ -243,12 +243,17 @@ def kernel(function: Callable[[Any], Any] | None = None, *, long: bool = False) 
     return (lambda made: Kernel(made, long)) if function is None else Kernel(function, long)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Row:
     """A kernel with one call of it."""
 
     kernel: Kernel
-    call: Stored
+    given: NamedTuple
+
+    @cached_property
+    def call(self) -> Stored:
+        """What it is given, as compiled code has it: made when it is first needed, which some rows never are."""
+        return Stored(self.given)
 
     @cached_property
     def _run(self) -> Any:
