@@ -13,6 +13,7 @@ from ..environment import (
     OF_EARTH_AND_SUN,
     AttitudeTimeline,
     CircularOrbit,
+    Environment,
     InertialAttitude,
     KeplerianOrbit,
     OneAttitude,
@@ -34,28 +35,33 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     environment = reading.blocks.environment
     if environment is None:
         return
-    orbit, attitude = environment.orbit, environment.attitude
-    if environment.attitude_offset is not None and reading.blocks.reduced is not None:
-        message = "found an attitude offset, expected none: a reduced order model knows its faces' directions only"
-        yield Problem(("environment", "attitude_offset"), message)
-    if isinstance(attitude, SpinningAttitude) and attitude.period is None:
-        for name, face in readable(reading.blocks.faces).items():
-            if isinstance(face.normal, SunTracking):
-                message = (
-                    "found a face that tracks the Sun, expected none: the body spins so fast that only means count"
-                )
-                yield Problem(("simulator", "faces", name, "normal"), message)
-    if isinstance(orbit, (CircularOrbit, KeplerianOrbit)) and not 0 <= orbit.inclination <= math.pi:
+    yield from _orbit(environment, reading, folder)
+    yield from _earth_and_sun(environment)
+    yield from _attitudes(environment, reading, folder)
+    if environment.eclipse is not None:
+        place = ("environment", "eclipse", "measured_by")
+        yield from channel_of_kind(reading.blocks, environment.eclipse.measured_by, "status", place)
+        if environment.orbit is None:
+            yield Problem(place, "found a measured eclipse without an 'orbit', expected one: sunlight follows from it")
+
+
+def _orbit(environment: Environment, reading: Reading, folder: Path) -> Iterator[Problem]:
+    orbit, here = environment.orbit, ("environment", "orbit")
+    if isinstance(orbit, SampledOrbit):
+        yield from file_exists(folder, orbit.positions, "a path", (*here, "positions"))
+    if not isinstance(orbit, (CircularOrbit, KeplerianOrbit)):
+        return
+    if not 0 <= orbit.inclination <= math.pi:
         found = f"{math.degrees(orbit.inclination):g} deg"
-        yield Problem(("environment", "orbit", "inclination"), f"found {found}, expected 0 deg to 180 deg")
-    if isinstance(orbit, (CircularOrbit, KeplerianOrbit)):
-        starts = [window.start for window in readable(reading.blocks.windows).values()]
-        days = max((abs((start - orbit.epoch).total_seconds()) / 86400.0 for start in starts), default=0.0)
-        if days > _FRESH:
-            message = (
-                f"found elements that are {days:.0f} days from a window, expected at most {_FRESH:.0f}: orbits change"
-            )
-            yield Problem(("environment", "orbit", "epoch"), message, warning=True)
+        yield Problem((*here, "inclination"), f"found {found}, expected 0 deg to 180 deg")
+    starts = [window.start for window in readable(reading.blocks.windows).values()]
+    days = max((abs((start - orbit.epoch).total_seconds()) / 86400.0 for start in starts), default=0.0)
+    if days > _FRESH:
+        message = f"found elements that are {days:.0f} days from a window, expected at most {_FRESH:.0f}: orbits change"
+        yield Problem((*here, "epoch"), message, warning=True)
+
+
+def _earth_and_sun(environment: Environment) -> Iterator[Problem]:
     for field, (low, high) in OF_EARTH_AND_SUN.items():
         value = float(getattr(environment, field))
         if value and not low <= value <= high:
@@ -65,25 +71,32 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     if not low <= environment.earth.radius <= high:
         found = f"found {environment.earth.radius / 1e3:g} km, expected {low / 1e3:g} to {high / 1e3:g} km"
         yield Problem(("environment", "earth", "radius"), f"{found}, as the Earth has it with its air", warning=True)
-    if isinstance(orbit, SampledOrbit):
-        yield from file_exists(folder, orbit.positions, "a path", ("environment", "orbit", "positions"))
+
+
+def _attitudes(environment: Environment, reading: Reading, folder: Path) -> Iterator[Problem]:
+    if environment.attitude_offset is not None and reading.blocks.reduced is not None:
+        message = "found an attitude offset, expected none: a reduced order model knows its faces' directions only"
+        yield Problem(("environment", "attitude_offset"), message)
+    attitude = environment.attitude
+    if isinstance(attitude, SpinningAttitude) and attitude.period is None:
+        for name, face in readable(reading.blocks.faces).items():
+            if isinstance(face.normal, SunTracking):
+                message = (
+                    "found a face that tracks the Sun, expected none: the body spins so fast that only means count"
+                )
+                yield Problem(("simulator", "faces", name, "normal"), message)
     here: Location = ("environment", "attitude")
-    if isinstance(attitude, AttitudeTimeline):
-        for name, kind in attitude.named.items():
-            yield from _check_attitude(kind, folder, (*here, "named", name))
-        for k, change in enumerate(attitude.timeline):
-            if not isinstance(change.attitude, str):
-                yield from _check_attitude(change.attitude, folder, (*here, "timeline", k, "attitude"))
-    else:
-        yield from _check_attitude(attitude, folder, here)
-    if environment.eclipse is not None:
-        place = ("environment", "eclipse", "measured_by")
-        yield from channel_of_kind(reading.blocks, environment.eclipse.measured_by, "status", place)
-        if orbit is None:
-            yield Problem(place, "found a measured eclipse without an 'orbit', expected one: sunlight follows from it")
+    if not isinstance(attitude, AttitudeTimeline):
+        yield from _one_attitude(attitude, folder, here)
+        return
+    for name, kind in attitude.named.items():
+        yield from _one_attitude(kind, folder, (*here, "named", name))
+    for k, change in enumerate(attitude.timeline):
+        if not isinstance(change.attitude, str):
+            yield from _one_attitude(change.attitude, folder, (*here, "timeline", k, "attitude"))
 
 
-def _check_attitude(attitude: OneAttitude, folder: Path, here: Location) -> Iterator[Problem]:
+def _one_attitude(attitude: OneAttitude, folder: Path, here: Location) -> Iterator[Problem]:
     if isinstance(attitude, InertialAttitude):
         length = math.hypot(*attitude.inertial)
         if abs(length - 1) > _UNIT_LENGTH_TOLERANCE:
