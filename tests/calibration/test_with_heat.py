@@ -21,7 +21,7 @@ def followed(without_heaters):
     told = Told()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(with_heat, "_STRAIGHT", 1e-9)
-        settings = NutsSettings(chains=2, warmup=150, draws=100)
+        settings = NutsSettings(chains=2, warmup=150, draws=100, max_r_hat=1.5, min_ess=5)
         return calibrate_nuts(without_heaters, settings, seed=3, progress=told), told
 
 
@@ -72,7 +72,8 @@ def test_a_problem_whose_response_follows_is_read_back_from_its_file(without_hea
 def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heaters, monkeypatch, bound, value, advice):
     monkeypatch.setattr(with_heat, "_STRAIGHT", 1e-9)
     monkeypatch.setattr(with_heat, bound, value)
-    posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
+    settings = NutsSettings(chains=2, warmup=100, draws=50, max_r_hat=1.5, min_ess=5)
+    posterior = calibrate_nuts(without_heaters, settings, seed=3)
     gates = {gate.name: gate for gate in posterior.diagnostics.gates}
     assert not posterior.heat.model.followed
     assert not gates["response to heat"].passed

@@ -159,7 +159,7 @@ def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder, heat
         content["calibration"] = {
             "seed": 1,
             "genetic": {"runs": 1, "population": 8, "generations": 4},
-            "nuts": {"chains": 2, "draws": 50, "warmup": 50},
+            "nuts": {"chains": 2, "draws": 50, "warmup": 50, "max_r_hat": 1.5, "min_ess": 5},
             "prediction": {"simulations": 20},
         }
 
