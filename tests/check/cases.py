@@ -66,3 +66,15 @@ def of_three():
     written["telemetry"]["channels"]["other_temp"] = {"column": "panel", "unit": "degC", "kind": "temperature"}
     written["observations"]["other_temp"] = {"node": "panel"}
     return written
+
+
+def pointed(quaternion):
+    """Three attitudes, one after another, that differ from this one by turns."""
+    w, x, y, z = quaternion
+    named = {
+        "one": {"inertial": [w, x, y, z]},
+        "other": {"inertial": [-x, w, -z, y]},
+        "third": {"inertial": [y, z, -w, -x]},
+    }
+    at = ["2024-03-01T00:00:00", "2024-03-01T01:10:00", "2024-03-01T02:20:00"]
+    return {"named": named, "timeline": [{"at": own, "attitude": name} for own, name in zip(at, named, strict=True)]}

@@ -148,10 +148,14 @@ class Gaussian:
             return np.asarray(solve_triangular(self.factors[k], left, lower=True, trans="T", check_finite=False))
         return np.asarray(left @ self.modes.across)
 
+    def _finite(self, residual: FloatArray) -> FloatArray:
+        """Residuals [R] of what is known, zero elsewhere."""
+        return np.where(self.known, np.nan_to_num(residual, nan=_DIVERGED), 0.0).clip(-_DIVERGED, _DIVERGED)
+
     def _likeliest(self, residual: FloatArray, columns: FloatArray | None, scale: Scale) -> _Likeliest:
         best: _Likeliest | None = None
         expected = -np.inf
-        left = np.where(self.known, np.nan_to_num(residual, nan=_DIVERGED), 0.0).clip(-_DIVERGED, _DIVERGED)
+        left = self._finite(residual)
         rows = int(self.known.sum())
         of_sizes = self._white(left[:, None] if columns is None else np.column_stack([left, columns]))
         for k, (size, factor, (white, variances)) in enumerate(zip(self.sizes, self.factors, of_sizes, strict=True)):
@@ -175,6 +179,17 @@ class Gaussian:
     def evidence(self, residual: FloatArray, columns: FloatArray | None = None, scale: Scale = AS_READ) -> float:
         """That of `fit`."""
         return self._likeliest(residual, columns, scale).evidence
+
+    def gained(self, residual: FloatArray, effects: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """b [k] and G [k, k]: residuals [R] less effects [R, k] times u are more probable by b u - u G u / 2 nats.
+
+        At the size that is likeliest for the residuals as they are.
+        """
+        size = self._likeliest(residual, None, AS_READ).size
+        known = np.where(self.known[:, None], effects, 0.0)
+        white, variances = self._white(np.column_stack([self._finite(residual), known]))[size]
+        over = white[:, 1:] / variances[:, None]
+        return over.T @ white[:, 0], over.T @ white[:, 1:]
 
     def fit(self, residual: FloatArray, columns: FloatArray | None = None, scale: Scale = AS_READ) -> Fit:
         """Of residuals [R] with further columns [R, k] of normal weights of one."""

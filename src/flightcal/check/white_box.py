@@ -6,7 +6,8 @@ unmodelled heat and noise? A first look takes the network as linear; the likelie
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, islice
@@ -22,6 +23,7 @@ from .suspicion import CLEAR
 from .view import WIDENED, Memory, Point, View
 from .wrongs import Wrong, all_wrongs
 from .wrongs.heat import now_and_then
+from .wrongs.pointing import otherwise_pointed
 
 _PROMISING = 2.0
 """Nats of a first look from which a wrong is looked at closely."""
@@ -118,7 +120,7 @@ def _promising(
     gains: list[float] = []
     kept: list[Wrong] = []
     tried = 0
-    wrongs = chain(all_wrongs(view), _now_and_then(view, looks[1]))
+    wrongs = chain(all_wrongs(view), _by_what_is_left(view, looks[1]))
     while some := list(islice(wrongs, _AT_ONCE)):
         for gain, wrong in zip(in_parallel(partial(gained, some), len(some)), some, strict=True):
             if gain > _PROMISING or (wrong.kind in OF_THERMOSTATS and wrong.about in odd):
@@ -157,14 +159,21 @@ def _is_nearer(view: View, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
     return bool(squares < _NEARER**2 * np.nanmean(before[:, changed] ** 2))
 
 
-def _now_and_then(view: View, look: _Look) -> list[Wrong]:
-    """Heat that comes and goes where nothing wrong leaves something of the telemetry."""
+def _by_what_is_left(view: View, look: _Look) -> Iterator[Wrong]:
+    """What comes and goes where nothing wrong leaves something of the telemetry: heat, or another attitude."""
     point = look.around.point
     left = view.as_read - point.temperatures - look.back
-    try:
-        return list(now_and_then(view, point.z, lambda effects: look.around.fit(left, effects).added))
-    except SimulationFailure:
-        return []
+
+    def weights(effects: FloatArray) -> FloatArray:
+        return look.around.fit(left, effects).added
+
+    def nats(effects: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return look.around.gained(left, effects)
+
+    with suppress(SimulationFailure):
+        yield from now_and_then(view, point.z, weights)
+    with suppress(SimulationFailure):
+        yield from otherwise_pointed(view, point.z, nats)
 
 
 def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[str] = ()) -> list[Wrong]:

@@ -30,6 +30,7 @@ from .document import Problem, read_document
 from .environment import (
     OF_EARTH_AND_SUN,
     Attitude,
+    AttitudeChange,
     AttitudeTimeline,
     CircularOrbit,
     Earth,

@@ -1,36 +1,20 @@
-"""What the scenario writes of the orbit and of the attitude."""
+"""What the scenario writes of the orbit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from datetime import datetime, timedelta
+from collections.abc import Iterator, Sequence
+from datetime import timedelta
 from functools import partial
-from itertools import combinations, product
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...environment import orbital_period
-from ...report import number
-from ...scenario import (
-    AttitudeTimeline,
-    CircularOrbit,
-    Earth,
-    InertialAttitude,
-    KeplerianOrbit,
-    SampledAttitude,
-    Scenario,
-    SpinningAttitude,
-    TleOrbit,
-)
+from ...scenario import AttitudeTimeline, CircularOrbit, Earth, KeplerianOrbit, SampledAttitude, TleOrbit
 from ...simulator import FloatArray
 from ..view import View
-from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off, span_of
+from .wrong import Words, Wrong, closer, driven_otherwise, elsewhere, minutes
 
-_ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (1, 2, 3, 0))
-"""Where the real part and the other three stand in a quaternion as written: in their order; the real part last; first
-in a file where it was taken to be last."""
 _STEPS = {
     "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
@@ -59,206 +43,15 @@ _OF_LINE_2 = {
     "mean_motion": slice(52, 63), "inclination": slice(8, 16), "raan": slice(17, 25), "mean_anomaly": slice(43, 51),
 }  # fmt: skip
 """Columns of two-line elements, in which a number stands."""
-_LATE = tuple(sign * 60.0 * m for m in (5, 10, 15, 20, 30, 40, 50, 60, 90, 120, 300, 1440) for sign in (-1.0, 1.0))
-"""s, by which a timeline of attitudes may be late or early: minutes, hours of another zone, a day."""
-_CHANGE_LATE = tuple(sign * 60.0 * m for m in (5, 10, 20, 40) for sign in (-1.0, 1.0))
-"""s, by which one change of attitude may be."""
 _BOUNDS = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}
 """rad, of angles that do not go round."""
 _DAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 """By which an epoch is off."""
 _DAY_OF_YEAR = slice(20, 32)
 """Columns of the first of two-line elements."""
-_SPIN_RATES = (1.0 / 60.0, 1.0 / 6.0, 0.5, 2.0, 6.0, 60.0)
-"""Factors by which the period of a spin is off: a unit, rpm for deg/s, or about half."""
-_SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
-"""deg, by which the direction of a spin is turned about an inertial axis."""
 
 
 _Orbit = CircularOrbit | KeplerianOrbit | TleOrbit
-
-
-def attitudes(view: View) -> Iterator[Wrong]:
-    """Another attitude than the scenario's."""
-    environment = view.window.scenario.environment
-    if environment.orbit is None or not view.window.scenario.network.faces:
-        return
-    for attitude in ("nadir", "sun_pointing"):
-        if attitude == environment.attitude:
-            continue
-        scenario = _elsewhere(view, attitude=attitude)
-        words = Words(
-            f"The satellite flew {attitude.replace('_', '-')}",
-            f"With the attitude '{attitude}', sunlight and Earth's heat explain the telemetry.",
-            f"Write 'attitude: {attitude}' in 'environment', or check the quaternions",
-        )
-        yield from driven_otherwise("attitude", attitude, words, view, tries=2, scenario=scenario)
-
-
-def quaternions(view: View) -> Iterator[Wrong]:
-    """Quaternions are the other way round, or their real part stands elsewhere."""
-    environment = view.window.scenario.environment
-    if environment.orbit is None or not view.window.scenario.network.faces:
-        return
-    others = [own for own in product(_ORDERS, (False, True)) if own != (_ORDERS[0], False)]
-    for order, inverse in others:
-        attitude = _each(environment.attitude, partial(_read_otherwise, order=order, inverse=inverse))
-        if attitude == environment.attitude:
-            return
-        how = [f"the real part in {'wxyz'[order[0]]} as it is written"] if order[0] else []
-        how += ["quaternions that turn inertial vectors into the body's"] if inverse else []
-        words = Words(
-            "The quaternions are of another convention",
-            f"With {', and '.join(how)}, sunlight and Earth's heat explain the telemetry.",
-            "Check 'environment: attitude': 'columns' of a file says where the real part is, 'turns' what they turn",
-        )
-        scenario = _elsewhere(view, attitude=attitude)
-        yield from driven_otherwise("attitude", "quaternions", words, view, tries=len(others), scenario=scenario)
-
-
-def _each(attitude: Any, change: Callable[[Any], Any]) -> Any:
-    """An attitude with each that it is made of changed."""
-    if not isinstance(attitude, AttitudeTimeline):
-        return change(attitude)
-    named = {name: change(own) for name, own in attitude.named.items()}
-    timeline = tuple(own.model_copy(update={"attitude": change(own.attitude)}) for own in attitude.timeline)
-    return attitude.model_copy(update={"named": named, "timeline": timeline})
-
-
-def _read_otherwise(attitude: Any, order: Sequence[int], inverse: bool) -> Any:
-    """The components of quaternions in another order, and perhaps the turn back; anything else as it is."""
-    if isinstance(attitude, SampledAttitude):
-        back = {"body_to_inertial": "inertial_to_body", "inertial_to_body": "body_to_inertial"}
-        update: dict[str, Any] = {"columns": tuple(attitude.columns[k] for k in order)}
-        update |= {"turns": back[attitude.turns]} if inverse else {}
-        return attitude.model_copy(update=update)
-    if isinstance(attitude, InertialAttitude):
-        w, *rest = (attitude.inertial[k] for k in order)
-        return attitude.model_copy(update={"inertial": (w, *(-own if inverse else own for own in rest))})
-    return attitude
-
-
-def spins(view: View) -> Iterator[Wrong]:
-    """A spinner's axis points another way, or it turns at another rate; another axis of the body is a tilt."""
-    environment = view.window.scenario.environment
-    attitude = environment.attitude
-    if not isinstance(attitude, SpinningAttitude) or environment.orbit is None:
-        return
-    others: list[tuple[str, Any, str]] = []
-    for axis, angle in product(np.eye(3), np.deg2rad(_SWINGS)):
-        way = tuple(Rotation.from_rotvec(angle * axis).apply(np.array(attitude.direction)).tolist())
-        others.append(("direction", way, "[" + ", ".join(f"{own:.2f}" for own in way) + "]"))
-    if attitude.period is not None:
-        others.append(("period", None, "null (the mean over a turn)"))
-        for factor in _SPIN_RATES:
-            others.append(("period", attitude.period * factor, f"{number(attitude.period * factor, 3)} s"))
-    for name, value, text in others:
-        scenario = _elsewhere(view, attitude=attitude.model_copy(update={name: value}))
-        words = Words(
-            "The satellite spins otherwise",
-            f"With {name} {text}, sunlight and Earth's heat explain the telemetry.",
-            f"Check '{name}' in 'environment: attitude'",
-        )
-        yield from driven_otherwise("attitude", name, words, view, tries=len(others), scenario=scenario)
-
-
-def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchanges: bool = True) -> Iterator[Wrong]:
-    """Attitudes that follow each other do so sooner or later than written, or two of them are each other's."""
-    environment = view.window.scenario.environment
-    attitude = environment.attitude
-    if not isinstance(attitude, AttitudeTimeline) or environment.orbit is None:
-        return
-    if not view.window.scenario.network.faces:
-        return
-    for late in map(float, seconds):
-        changes = tuple(own.model_copy(update={"at": own.at + timedelta(seconds=late)}) for own in attitude.timeline)
-        scenario = _with_timeline(view, attitude, changes)
-        words = Words(
-            f"The timeline of attitudes is {off(-late)}",
-            f"With each change of attitude {minutes(late)} {'later' if late > 0 else 'earlier'}, sunlight and Earth's "
-            "heat explain the telemetry.",
-            "Check the times in 'environment: attitude', and their zone",
-        )
-        near = partial(timelines, view, closer(late, 420.0), False)
-        yield from driven_otherwise(
-            "attitude", "timeline", words, view, tries=len(_LATE), closer=near, scenario=scenario
-        )
-    pairs = list(combinations(dict.fromkeys(own.attitude for own in attitude.timeline), 2)) if exchanges else []
-    for one, other in pairs:
-        turned = {one: other, other: one}
-        changes = tuple(
-            own.model_copy(update={"attitude": turned.get(own.attitude, own.attitude)}) for own in attitude.timeline
-        )
-        scenario = _with_timeline(view, attitude, changes)
-        words = Words(
-            f"Attitudes '{one}' and '{other}' are exchanged",
-            f"With '{one}' where the timeline says '{other}', and '{other}' where it says '{one}', the model explains "
-            "the telemetry.",
-            f"Exchange '{one}' and '{other}' in 'environment: attitude'",
-        )
-        yield from driven_otherwise("attitude", f"{one} {other}", words, view, tries=len(pairs), scenario=scenario)
-
-
-def pointings(view: View) -> Iterator[Wrong]:
-    """One attitude of those that follow each other is another one that has a name, or one change is late or early."""
-    attitude = view.window.scenario.environment.attitude
-    if not isinstance(attitude, AttitudeTimeline) or not view.window.scenario.network.faces:
-        return
-    timeline, names = attitude.timeline, dict.fromkeys([*attitude.named, *(own.attitude for own in attitude.timeline)])
-    begin, end = span_of(view)
-    inside = [
-        k for k, own in enumerate(timeline) if own.at < end and (k + 1 == len(timeline) or timeline[k + 1].at > begin)
-    ]
-    tries = len(inside) * (len(names) - 1 + len(_CHANGE_LATE))
-    for k, name in product(inside, names):
-        own = timeline[k]
-        if name == own.attitude:
-            continue
-        words = Words(
-            f"The attitude from {own.at.isoformat(timespec='seconds')} on is '{name}', not '{own.attitude}'",
-            f"With '{name}' until the next change, the model explains the telemetry.",
-            "Check that change in 'environment: attitude' against what was flown",
-        )
-        scenario = _with_change(view, attitude, k, {"attitude": name})
-        yield from driven_otherwise("attitude", f"from {k}", words, view, tries=tries, scenario=scenario)
-    for k in inside:
-        yield from _change_moved(view, attitude, k, tries, _CHANGE_LATE)
-
-
-def _change_moved(
-    view: View, attitude: AttitudeTimeline, k: int, tries: float, seconds: Sequence[float] | FloatArray
-) -> Iterator[Wrong]:
-    timeline, own = attitude.timeline, attitude.timeline[k]
-    for late in map(float, seconds):
-        at = own.at + timedelta(seconds=late)
-        after = timeline[k + 1].at if k + 1 < len(timeline) else datetime.max
-        if k == 0 or not timeline[k - 1].at < at < after:
-            continue
-        words = Words(
-            f"The change of attitude to '{own.attitude}' at {own.at.isoformat(timespec='seconds')} is {off(-late)}",
-            f"{minutes(late)} {'later' if late > 0 else 'earlier'}, it explains the telemetry.",
-            "Check that change in 'environment: attitude' against what was flown",
-        )
-        scenario = _with_change(view, attitude, k, {"at": at})
-        near = partial(_change_moved, view, attitude, k, tries, closer(late, 0.3 * abs(late)))
-        yield from driven_otherwise("attitude", f"change {k}", words, view, tries=tries, closer=near, scenario=scenario)
-
-
-def _with_change(view: View, attitude: AttitudeTimeline, k: int, update: dict[str, Any]) -> Scenario:
-    """The scenario of a view with another change of attitude."""
-    timeline = attitude.timeline
-    return _with_timeline(view, attitude, (*timeline[:k], timeline[k].model_copy(update=update), *timeline[k + 1 :]))
-
-
-def _with_timeline(view: View, attitude: AttitudeTimeline, changes: tuple[Any, ...]) -> Scenario:
-    """The scenario of a view with other changes of attitude."""
-    return _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
-
-
-def _elsewhere(view: View, **changes: Any) -> Scenario:
-    """The scenario of a view with another orbit or attitude."""
-    scenario = view.window.scenario
-    return scenario.model_copy(update={"environment": scenario.environment.model_copy(update=changes)})
 
 
 def orbits(view: View) -> Iterator[Wrong]:
@@ -314,7 +107,7 @@ def _other_orbit(view: View, orbit: _Orbit, name: str, step: float, tries: float
     if value is None:
         return
     written = "tle" if isinstance(orbit, TleOrbit) else name
-    scenario = _elsewhere(view, orbit=orbit.model_copy(update={written: value}))
+    scenario = elsewhere(view, orbit=orbit.model_copy(update={written: value}))
     words = Words(
         f"The orbit has another {name.replace('_', ' ')}",
         f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",
@@ -405,7 +198,7 @@ def epochs(view: View) -> Iterator[Wrong]:
             f"Check the epoch in 'environment: orbit' ({text}), and that all elements are of it",
         )
         yield from driven_otherwise(
-            "orbit", "epoch", words, view, tries=len(_DAYS), scenario=_elsewhere(view, orbit=other)
+            "orbit", "epoch", words, view, tries=len(_DAYS), scenario=elsewhere(view, orbit=other)
         )
 
 
@@ -450,5 +243,5 @@ def eclipses(view: View) -> Iterator[Wrong]:
     yield from driven_otherwise("eclipse", flag, words, view, tries=1.0, scenario=scenario)
 
 
-WRONGS = (attitudes, quaternions, timelines, pointings, spins, orbits, epochs, places, eclipses)
+WRONGS = (orbits, epochs, places, eclipses)
 """What looks for them."""

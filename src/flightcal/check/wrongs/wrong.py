@@ -146,8 +146,7 @@ def driven(
         drive = divided(drive, np.append(_FIRST_STEPS, np.arange(step, drive.times[-1], step)))
     inputs, measured = drive.inputs.copy(), drive.measured
     if scenario is not None:
-        fine = np.union1d(view.sunlight.times(scenario, 0.0, drive.times[-1]), drive.times)
-        put(inputs, columns, fine, view.sunlight.on_faces(scenario, fine), drive.times)
+        shine(view, scenario, inputs, drive.times)
     elif sunlight or gaining:
         fine, lit = view.sunlight.before(sunlight)
         put(inputs, columns, fine * (1.0 + gaining) + sunlight, lit, drive.times)
@@ -160,6 +159,12 @@ def driven(
             if own.measured_by:
                 measured[:, k] = status_fraction(telemetry, own.measured_by, edges)
     return view.simulated_by(drive=replace(drive, inputs=inputs, measured=measured))
+
+
+def shine(view: View, scenario: Scenario, inputs: FloatArray, grid: FloatArray) -> None:
+    """Put what shines on a scenario's faces into the inputs [K, 2, q] of a grid's steps. Raises OrbitError."""
+    fine = np.union1d(view.sunlight.times(scenario, 0.0, grid[-1]), grid)
+    put(inputs, view.network.network.columns, fine, view.sunlight.on_faces(scenario, fine), grid)
 
 
 def driven_otherwise(
@@ -178,6 +183,12 @@ def driven_otherwise(
     except (FlightcalError, SimulationFailure, ValueError):
         return
     yield Wrong(kind, about, words, window=window, tries=tries, closer=closer)
+
+
+def elsewhere(view: View, **changes: Any) -> Scenario:
+    """The scenario of a view with another orbit or attitude."""
+    scenario = view.window.scenario
+    return scenario.model_copy(update={"environment": scenario.environment.model_copy(update=changes)})
 
 
 def closer(shift: float, apart: float) -> FloatArray:
