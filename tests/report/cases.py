@@ -323,7 +323,8 @@ CASES = (
     Case(
         "The same, and the Sun is where it was not in training.", errors_where_training_was_not,
         BATTERY, "too short to tell whether by chance; 66% of the window is outside of what training contained",
-        "Add longer windows to test on: windows: {test: {start: ..., end: ...}}", WITH_LIMITS,
+        "Train on telemetry like that of “test” too: "
+        "windows: {train: {first: {start: ..., end: ...}, second: {start: ..., end: ...}}}", WITH_LIMITS,
     ),
     Case(
         "Nothing is known of a heater: one channel's intervals are so wide that they always hold.",

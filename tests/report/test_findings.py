@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import Calibrated, FixedNumbers
+from flightcal.report.panels.duty import duties
 from flightcal.report.panels.parameters import at_edge, footing
 from flightcal.report.run_files import read_run
 from flightcal.report.verdict import verdict_of
@@ -198,6 +199,16 @@ def test_duty_cycles_outside_the_simulations_are_told(run):
     finding = about(dataclasses.replace(run, windows=run.windows | {"test": shifted}), "battery_heater is on for 7")
     assert finding.state == "warn"
     assert [d.endswith("which leaves telemetry out.") for d in finding.details] == [True, False]
+
+
+def test_a_duty_cycle_beside_its_interval_may_be_so_by_chance(run):
+    window = run.windows["test"]
+    lowest = window["sampled_duty_cycle"].min("simulation") - 0.9 / window.sizes["time"]
+    beside = dataclasses.replace(run, windows=run.windows | {"test": window.assign(observed_duty_cycle=lowest)})
+    finding = about(beside, "No duty cycle in “test” is further from what is predicted than chance allows")
+    assert finding.state == "good"
+    assert all("beside it, as may be by chance" in own for own in finding.details)
+    assert [own.where for own in duties(beside)] == ["beside", "beside"]
 
 
 def test_one_duty_cycle_is_told_by_its_heater(run):

@@ -42,9 +42,9 @@ _REMEMBERED = 3
 """Places of the middle that say where to look for it next."""
 _NOT_LINEAR = (
     "Temperatures respond to the unmodelled heat otherwise than linearly, so that its weights are not to be "
-    "believed: the heat is large, or heaters whose status is not measured switch with it. Give these a status "
-    "('measured_by'), or narrow the priors of heat."
+    "believed. Describe more of it in the scenario (a load, a mode, a face), or narrow the priors of heat."
 )
+_SWITCHING = " Heaters whose status is not measured switch with it: give them a status ('measured_by')."
 _CHECKED = 200
 """Draws that are simulated with their heat."""
 MOST_PARETO_K = 0.7
@@ -115,7 +115,7 @@ def calibrate_with_heat(
     flat = theta.reshape(-1, theta.shape[-1])
     chosen = rng.choice(len(flat), min(_CHECKED, len(flat)), replace=False)
     checked = check_heat(heated, flat[chosen], rng)
-    judged = with_gate(judged, _linear_gate(checked, bent, len(point.model.centre)))
+    judged = with_gate(judged, _linear_gate(problem, checked, bent, len(point.model.centre)))
     return Posterior(heated.names, theta, draws, modes, judged, heated, point, checked)
 
 
@@ -202,17 +202,19 @@ def _with_parts(theta: FloatArray, heated: Problem, known: Problem, z: FloatArra
     return theta
 
 
-def _linear_gate(checked: HeatCheck, bent: float, weights: int) -> Gate:
+def _linear_gate(problem: Problem, checked: HeatCheck, bent: float, weights: int) -> Gate:
+    switches = problem.scenario.network.switches.values()
+    advice = _NOT_LINEAR + ("" if all(own.measured_by for own in switches) else _SWITCHING)
     is_linear = checked.pareto_k < MOST_PARETO_K or checked.relative < _OF_NOISE
     return gate(
         LINEAR,
         bent < _STRAIGHT and is_linear,
         f"Pareto k {checked.pareto_k:.2f}; {checked.draws} draws simulated with their heat are "
-        f"{1e3 * checked.difference:.0f} mK from linear, {100 * checked.relative:.0f}% of a channel's noise at worst"
+        f"{1e3 * checked.difference:.0f} mK from linear, {100 * checked.relative:.1f}% of a channel's noise at worst"
         + (f"; the log density is off by {bent:.1f}" if bent >= _STRAIGHT else ""),
         f"Pareto k below {MOST_PARETO_K:g}, or less than {100 * _OF_NOISE:.0f}% of the noise; the log density off by "
         f"less than {_STRAIGHT:g}",
-        _too_many(weights) if is_linear and weights > _MOST_FOLLOWED else _NOT_LINEAR,
+        _too_many(weights) if is_linear and weights > _MOST_FOLLOWED else advice,
     )
 
 

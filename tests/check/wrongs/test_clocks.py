@@ -109,6 +109,16 @@ def test_a_packet_of_another_time_zone_is_named(tmp_path):
     assert float(first.title.split()[3]) == pytest.approx(60.0, abs=5.0)
 
 
+def test_a_packet_of_another_day_is_named(tmp_path):
+    scenario, data = small.load(tmp_path, of_three(), hours=29.0)
+    data = small.telemetry_of(scenario, data)
+    day = 24 * 60
+    late = {name: np.roll(data[name].values, day) for name in ("panel_temp", "other_temp")}
+    packets = {"body_temp": "bus", "panel_temp": "outside", "other_temp": "outside"}
+    first = named(in_packets(scenario, packets), spoilt(data, **late))[0]
+    assert first.title == "packet outside is 24 h late"
+
+
 def test_the_packet_of_all_temperatures_is_late_beside_status_and_drivers(flown):
     scenario, data = flown
     split = in_packets(scenario, {"body_temp": "tcs", "panel_temp": "tcs", "heater_status": "eps", "sun": "eps"})

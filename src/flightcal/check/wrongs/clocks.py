@@ -43,8 +43,8 @@ _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sig
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
 _LEFT = 0.7
 """Share of its samples that moved telemetry has left at least."""
-_HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
-"""s, by which a packet may be of another zone; of one channel so much explains what is slow."""
+_HOURS = (-86400.0, -7200.0, -3600.0, 3600.0, 7200.0, 86400.0)
+"""s, by which a packet may be of another zone or day; of one channel so much explains what is slow."""
 
 
 def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS, apart: float = SHIFT) -> Iterator[Wrong]:

@@ -22,6 +22,10 @@ _OUTSIDE = 0.05
 """Share of a window's time outside of what training contained, above which a title says so."""
 
 
+_OF_DUTY = {"inside": "", "beside": ", beside it, as may be by chance", "outside": ", which leaves telemetry out"}
+"""What is added of a duty cycle by where it lies."""
+
+
 def holding(run: RunFiles) -> Finding:
     """Whether intervals hold on windows that were not trained on, all channels and windows together."""
     judged = holdings(run)
@@ -51,7 +55,7 @@ def holding(run: RunFiles) -> Finding:
                 how = f"{percent(share)} inside"
                 if held.lasting[k] > held.most_lasting[k]:
                     when, kelvins = _farthest(window, channel)
-                    how += f", {kelvins} K off at {when} and {held.lasting[k]:.0f} deviations for five minutes or more"
+                    how += f", {kelvins} at {when} and {held.lasting[k]:.0f} deviations for five minutes or more"
                 elif held.error[k] > held.most_error[k]:
                     how += f" and {held.error[k]:.1f} deviations off"
                 worst = min(worst, (name, f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[2])
@@ -81,7 +85,7 @@ def holding(run: RunFiles) -> Finding:
         channel, (share, name) = min(few.items(), key=lambda own: own[1])
         title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
         title += _outside(windows[name])
-        then = "Add longer windows to test on: windows: {test: {start: ..., end: ...}}"
+        then = _then(name, windows[name], "Add longer windows to test on: windows: {test: {start: ..., end: ...}}")
         return Finding("warn", title, text, tuple(details), tuple(map(temperatures_of, few)), then)
     title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {worst[1]}"
     if len(channels) == 1:
@@ -94,7 +98,8 @@ def holding(run: RunFiles) -> Finding:
         title += f"; {channel}{others} may not either (only {percent(share)} in “{name}”)"
     state: State = "bad" if 2 * (len(failed) + len(doubtful)) >= len(channels) else "warn"
     not_for = tuple(map(temperatures_of, [*failed, *doubtful]))
-    return Finding(state, title, text, tuple(details), not_for, CHECK)
+    then = CHECK if state == "bad" else _then(worst[0], windows[worst[0]], CHECK)
+    return Finding(state, title, text, tuple(details), not_for, then)
 
 
 def width(run: RunFiles) -> list[Finding]:
@@ -144,18 +149,28 @@ def _told(judged: Sequence[Holding]) -> str:
 
 
 def _farthest(window: xr.Dataset, channel: str) -> tuple[str, str]:
-    """When a channel is farthest off for its interval, UTC, and by how many K."""
+    """When a channel is farthest off for its interval, UTC, and by how much, in words."""
     own = window.sel(channel=channel)
     mean, lower, upper = (own[name].sel({"by": "stochastic"}).values for name in ("mean", "lower", "upper"))
     off = np.where(own["scored"].values, own["observed"].values - mean, np.nan)
     k = int(np.nanargmax(np.abs(off) / (upper - lower)))
-    return f"{np.datetime_as_string(own['time'].values[k], unit='m').replace('T', ' ')} UTC", number(abs(off[k]), 2)
+    way = "above" if off[k] > 0.0 else "below"
+    when = f"{np.datetime_as_string(own['time'].values[k], unit='m').replace('T', ' ')} UTC"
+    return when, f"{number(abs(off[k]), 2)} K {way} the prediction"
 
 
 def _outside(window: xr.Dataset) -> str:
     """To be added to what a title says of a window, where much of it is outside of what training contained."""
     share = unseen_share(window)
     return f"; {percent(share, 0)} of the window is outside of what training contained" if share > _OUTSIDE else ""
+
+
+def _then(name: str, window: xr.Dataset, otherwise: str) -> str:
+    """What to do next where intervals do not hold on a window: train on its like, where training contained none."""
+    if not unseen_share(window) > _OUTSIDE:
+        return otherwise
+    example = "windows: {train: {first: {start: ..., end: ...}, second: {start: ..., end: ...}}}"
+    return f"Train on telemetry like that of “{name}” too: {example}"
 
 
 def held_channels(run: RunFiles) -> list[str]:
@@ -176,16 +191,18 @@ def heaters(run: RunFiles) -> list[Finding]:
     measured = [own for own in duties(run) if np.isfinite(own.measured)]
     for name in dict.fromkeys(own.window for own in measured):
         found = [own for own in measured if own.window == name]
-        outside = [own for own in found if own.outside]
+        outside = [own for own in found if own.where == "outside"]
         contents = run.windows[name].attrs.get("duty_cycle_contains")
         details = tuple(
             f"{own.heater}: telemetry {percent(own.measured)}, predicted {percent(own.mean)} "
-            f"[{percent(own.lower)}, {percent(own.upper)}]{', which leaves telemetry out' if own.outside else ''}."
+            f"[{percent(own.lower)}, {percent(own.upper)}]{_OF_DUTY[own.where]}."
             for own in found
         )
         title = f"All {len(found)} duty cycles in “{name}” lie within what is predicted"
         if len(found) == 1:
             title = f"The duty cycle of {found[0].heater} in “{name}” lies within what is predicted"
+        if any(own.where == "beside" for own in found):
+            title = f"No duty cycle in “{name}” is further from what is predicted than chance allows"
         if outside:
             own, *others = outside
             title = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -15,6 +15,11 @@ from ..text import percent
 
 CLOSED: Final = 0.99
 """Probability with which all duty cycles of a right model lie inside."""
+
+Where = Literal["inside", "beside", "outside"]
+_CELLS: Final = {
+    "inside": Cell("✓ inside", "good"), "beside": Cell("✓ by chance", "good"), "outside": Cell("✕ outside", "warn"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -29,8 +34,8 @@ class Duty:
     lower: float
     upper: float
     """Ends of the central 95% of what is predicted."""
-    outside: bool
-    """A right model would not have it with all the others."""
+    where: Where
+    """Of the interval; beside it, as a right model may have one of many, or where it would have none."""
 
 
 @section("duty", "Heaters")
@@ -41,8 +46,8 @@ def panel(run: RunFiles) -> list[Block]:
         none = run.windows and not any(window.sizes.get("heater", 0) for window in run.windows.values())
         return [block.note("There are no heaters." if none else "No duty cycle is predicted on unseen telemetry.")]
     words = (
-        "Duty cycle: the share of the time that a heater is on. Outside: too far off for a right model, all heaters "
-        "together."
+        "Duty cycle: the share of the time that a heater is on. By chance: beside its interval, as one in twenty of a "
+        "right model is. Outside: too far off for a right model, all heaters together."
     )
     return [block.table(table(found)), block.text(words)]
 
@@ -53,7 +58,7 @@ def table(found: list[Duty]) -> Table:
     for own in found:
         verdict: str = "not measured"
         if np.isfinite(own.measured):
-            verdict = Cell("✕ outside", "warn") if own.outside else Cell("✓ inside", "good")
+            verdict = _CELLS[own.where]
         rows.append(
             [own.heater, own.window, percent(own.measured), percent(own.mean),
              f"{percent(own.lower)} to {percent(own.upper)}", verdict]
@@ -78,6 +83,10 @@ def duties(run: RunFiles) -> list[Duty]:
             if not np.isfinite(values).any():
                 continue
             low, lower, upper, high = np.nanquantile(values, [tail, 0.025, 0.975, 1.0 - tail]).tolist()
-            outside = measured < low - resolution or measured > high + resolution
-            found.append(Duty(name, str(heater), measured, float(np.nanmean(values)), lower, upper, outside))
-    return sorted(found, key=lambda own: not own.outside)
+            where: Where = "inside"
+            if measured < low - resolution or measured > high + resolution:
+                where = "outside"
+            elif measured < lower - resolution or measured > upper + resolution:
+                where = "beside"
+            found.append(Duty(name, str(heater), measured, float(np.nanmean(values)), lower, upper, where))
+    return sorted(found, key=lambda own: ("outside", "beside", "inside").index(own.where))
