@@ -188,6 +188,35 @@ def test_raw_readings_and_bits_of_a_word_are_written_as_such(tmp_path: Path):
     assert (mask.bits, mask.base) == ((7,), 16)
 
 
+def test_a_status_of_which_a_bit_is_always_set_is_a_word_and_one_that_counts_states_is_none(tmp_path: Path):
+    table = frame(40).drop(columns="HTR")
+    table["TCS_STATUS"] = np.where(np.arange(40) // 5 % 2, 68, 64)
+    table["MODE_STATE"] = 1 + np.arange(40) // 10
+    table.to_csv(tmp_path / "data.csv", index=False)
+    run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    channels = load_scenario(tmp_path / "sat" / "scenario.yaml").telemetry.channels
+    assert channels["tcs_status_2"].bits == (2,)
+    assert not any(name.startswith("mode_state_") for name in channels)
+
+
+def test_quaternions_and_timelines_are_told_where_they_belong_and_are_no_channels(tmp_path: Path):
+    table = frame(40)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    angle = np.arange(40) / 50.0
+    parts = {"w": np.cos(angle), "x": np.sin(angle), "y": 0.0 * angle, "z": 0.0 * angle}
+    pd.DataFrame({"time": table["time"], **parts}).to_csv(tmp_path / "pointing.csv", index=False)
+    attitudes = pd.DataFrame({"at": table["time"][::20], "attitude": ["nadir", "sun"]})
+    attitudes.to_csv(tmp_path / "attitude.csv", index=False)
+    files = [str(tmp_path / name) for name in ("data.csv", "pointing.csv", "attitude.csv")]
+    result = run(app, ["init", str(tmp_path / "sat"), *files])
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.output.split())
+    assert "pointing.csv: 'w', 'x', 'y', 'z' are quaternions; not written: 'environment: attitude' takes them" in said
+    assert "attitude.csv: found times and no channel; not written. 'timeline_file'" in said
+    lint(tmp_path / "sat")
+    assert "pointing" not in (tmp_path / "sat" / "scenario.yaml").read_text()
+
+
 def test_a_heater_whose_name_says_nothing_is_of_the_sensor_that_follows_it(tmp_path: Path):
     rising = np.arange(60) // 6 % 2 == 0
     warmth = np.where(rising, 10.0 + 0.5 * (np.arange(60) % 6), 13.0 - 0.5 * (np.arange(60) % 6))

@@ -32,6 +32,8 @@ _ABOUT = 0.15
 _COLD, _WARM = -20, 60
 """degC, that stand for the lowest and the highest of raw readings."""
 _TIMELINE = "timeline.csv"
+_UNIT_LENGTH, _NEARLY_ALL = 1e-3, 0.95
+"""By how much the squares of a quaternion may differ from one, and of how many samples."""
 _LEFT_OUT = "for another time column write a packet of its own, for words of a heater's status `on` and `off`"
 _NO_UNIT = "no unit, so measured inputs; of a temperature write `kind: temperature` and its unit"
 _HEAD = """\
@@ -85,7 +87,13 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         apart = f"{min(dense.values()):.3g} s"
         average = f"  average: {ENOUGH:g} s  # samples are {apart} apart, and temperatures change in minutes\n"
         data = _read(_telemetry(None, names, channels) + average)
-    notes = []
+    notes, turned = [], _quaternions(data, channels)
+    for some in turned:
+        where = ", ".join(file.name for file in names[some[0].packet].files)
+        columns = ", ".join(f"'{own.column}'" for own in some)
+        notes.append(f"{where}: {columns} are quaternions; not written: 'environment: attitude' takes them")
+    channels = [own for own in channels if not any(own in some for some in turned)]
+    names = {name: packet for name, packet in names.items() if any(own.packet == name for own in channels)}
     for name, packet in names.items():
         kinds = [channel.kind for channel in channels if channel.packet == name]
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
@@ -103,7 +111,11 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
             notes.append(f"{title}: left out {left_out}: {_LEFT_OUT}")
     for packet in packets:
         if not packet.columns and packet.modes is None:
-            notes.append(f"{', '.join(file.name for file in packet.files)}: found times and no channel; not written")
+            alone = ", ".join(file.name for file in packet.files)
+            notes.append(
+                f"{alone}: found times and no channel; not written. 'timeline_file' in 'environment: attitude' takes a "
+                "timeline of attitudes, and in 'simulator' one of modes"
+            )
     modes = next((packet.modes for packet in packets if packet.modes is not None), None)
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
     text = head + _telemetry(folder, names, channels) + average + _rest(data, channels, modes)
@@ -113,6 +125,20 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         listed = ", ".join(dict.fromkeys(modes.names))
         notes.append(f"modes in '{modes.column}' ({listed}): {len(modes.changes) - 1} changes, in {_TIMELINE}")
     return made, notes
+
+
+def _quaternions(data: xarray.Dataset, channels: Sequence[_Channel]) -> list[list[_Channel]]:
+    """Four measured inputs of a packet, one beside another, whose squares add up to one."""
+    found: list[list[_Channel]] = []
+    for some in zip(channels, channels[1:], channels[2:], channels[3:], strict=False):
+        alike = {(own.packet, own.kind) for own in some} == {(some[0].packet, "driver")}
+        if not alike or any(own in four for own in some for four in found):
+            continue
+        squares = np.sum([data[own.name].to_numpy() ** 2 for own in some], axis=0)
+        known = squares[np.isfinite(squares)]
+        if len(known) and np.mean(np.abs(known - 1.0) < _UNIT_LENGTH) > _NEARLY_ALL:
+            found.append(list(some))
+    return found
 
 
 def _timeline(modes: FoundModes) -> str:

@@ -50,6 +50,8 @@ _WORD_NAME = re.compile(r"(?i)(htr|heater).*(word|bits|mask|flags)|(word|bits|ma
 _MAY_BE_WORD = re.compile(r"(?i)status|state|word|bits|mask|flags")
 _WORDS = {0: re.compile(r"(?i)0x[0-9a-f]+|0b[01]+"), 10: re.compile("[0-9]+"), 16: re.compile(r"(?i)[0-9a-f]+")}
 """Words that are text, by the base of their digits; 0: they say it."""
+_NO_STATE = 8
+"""Bits that all values of a status have in common are those of a word from this on."""
 _MOST_BITS = 8
 """Of a word that heaters switch; where more change, it is a counter."""
 # A last letter alone is more often the name of a branch than a unit.
@@ -320,7 +322,8 @@ def _parts(name: str, column: FoundColumn | None, cells: pa.ChunkedArray) -> Ite
 def _words(name: str, cells: pa.ChunkedArray) -> tuple[list[int] | None, int | None]:
     """A column's different words, and the base of their digits where these do not tell it; null: none.
 
-    Numbers are words by the column's name alone, and text also where it begins with 0x or 0b.
+    Numbers are words by the column's name, which of a status is enough where a bit is always set that is not one of the
+    lowest: states are counted from 0 or 1. Text is also where it begins with 0x or 0b.
     """
     named = _WORD_NAME.search(name)
     if named and pa.types.is_integer(cells.type):
@@ -330,6 +333,9 @@ def _words(name: str, cells: pa.ChunkedArray) -> tuple[list[int] | None, int | N
     for base, shape in _WORDS.items() if named else ((0, _WORDS[0]),):
         if found and all(shape.fullmatch(cell) for cell in found):
             return [int(cell, base) for cell in found], base if base == 16 else None
+    if _MAY_BE_WORD.search(name) and found and all(_WORDS[10].fullmatch(cell) for cell in found):
+        words = [int(cell) for cell in found]
+        return (words if reduce(and_, words) >= _NO_STATE else None), None
     return None, None
 
 
