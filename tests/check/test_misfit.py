@@ -9,7 +9,7 @@ from flightcal.check.misfit import Misfit, misfit
 from flightcal.check.prepared import prepared
 from tests import small
 
-from .cases import spoilt, sunlit
+from .cases import boxed, pointed, spoilt, sunlit
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +29,15 @@ def test_the_worst_channel_is_told_with_the_state_in_which_it_is_worst(flown):
     found = where(scenario, spoilt(data, panel_temp=data["panel_temp"] + 12.0 * on))
     assert (found.channel, found.when) == ("panel_temp", "while heater is on")
     assert found.then > 1.25 * found.typical
+
+
+def test_an_attitude_is_a_state_too(tmp_path):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    scenario, data = small.closed_loop(tmp_path, written)
+    inside = data["time"].to_numpy() >= np.datetime64("2024-03-01T02:20:00")
+    found = where(scenario, spoilt(data, panel_temp=data["panel_temp"] + 12.0 * inside))
+    assert (found.channel, found.when) == ("panel_temp", "in attitude 'third'")
 
 
 def test_what_is_off_all_the_time_is_of_no_state(flown):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..environment import sunlit_share
 from ..report import number
+from ..scenario import AttitudeTimeline
 from ..simulator import FloatArray
 from .view import INFERRED, View
 
@@ -77,5 +78,12 @@ def _states(view: View) -> Iterator[tuple[str, NDArray[np.bool_]]]:
             on = drive.measured[step, k]
             yield f"while {name} is on", on > 0.5
             yield f"while {name} is off", on <= 0.5
+    attitude = window.scenario.environment.attitude
+    if isinstance(attitude, AttitudeTimeline):
+        changes = np.array([change.at for change in attitude.timeline], "datetime64[ns]")
+        which = np.clip(np.searchsorted(changes, window.times[kept], side="right") - 1, 0, None)
+        flown = [attitude.timeline[k].attitude for k in which]
+        for name in dict.fromkeys(own for own in flown if isinstance(own, str)):
+            yield f"in attitude '{name}'", np.array([own == name for own in flown])
     yield "in the first half of the window", seconds < seconds[len(seconds) // 2]
     yield "in the second half of the window", seconds >= seconds[len(seconds) // 2]
