@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from flightcal.report.run_files import read_run
 from flightcal.report.verdict import verdict_of
 from flightcal.run import typed
 
-from .cases import with_attributes
+from .cases import one_channel_fails, with_attributes
 from .synthetic_run import every_finding
 
 
@@ -337,3 +338,12 @@ def test_noise_that_lasts_for_longer_than_its_prior_says_is_a_caution_where_ther
     assert "its prior has 10 min." in found.text
     for right in (1.0, -5.1):
         assert not [title for title in findings(correlated(right)) if "lasts for" in title]
+
+
+def test_a_channel_that_does_not_hold_is_told_with_its_mean_error(run):
+    finding = about(one_channel_fails(run), "Intervals do not hold in 1 of 3 channels, worst battery_temperature")
+    (words,) = re.findall(
+        r"battery_temperature .*?does not hold: .*?; on average ([^,;.]+\.?\d*) K", finding.details[0]
+    )
+    assert float(words) == pytest.approx(5.0, abs=0.5)
+    assert "above the prediction" in finding.details[0]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ...prediction import HELD, Holding
 from ..panels.duty import CLOSED, duties
@@ -59,7 +60,7 @@ def holding(run: RunFiles) -> Finding:
                 elif held.error[k] > held.most_error[k]:
                     how += f" and {held.error[k]:.1f} deviations off"
                 worst = min(worst, (name, f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[2])
-                said += f", does not hold: {held.why(k)}"
+                said += f", does not hold: {held.why(k)}; on average {_on_average(window, channel)}"
             elif share < STRIKING:
                 few[channel] = min(few.get(channel, (1.0, "")), (share, name))
                 said += ", which may be by chance"
@@ -150,13 +151,26 @@ def _told(judged: Sequence[Holding]) -> str:
 
 def _farthest(window: xr.Dataset, channel: str) -> tuple[str, str]:
     """When a channel is farthest off for its interval, UTC, and by how much, in words."""
-    own = window.sel(channel=channel)
-    mean, lower, upper = (own[name].sel({"by": "stochastic"}).values for name in ("mean", "lower", "upper"))
-    off = np.where(own["scored"].values, own["observed"].values - mean, np.nan)
+    own, off = window.sel(channel=channel), _off(window, channel)
+    lower, upper = (own[name].sel({"by": "stochastic"}).values for name in ("lower", "upper"))
     k = int(np.nanargmax(np.abs(off) / (upper - lower)))
-    way = "above" if off[k] > 0.0 else "below"
     when = f"{np.datetime_as_string(own['time'].values[k], unit='m').replace('T', ' ')} UTC"
-    return when, f"{number(abs(off[k]), 2)} K {way} the prediction"
+    return when, _beside(off[k])
+
+
+def _on_average(window: xr.Dataset, channel: str) -> str:
+    return _beside(float(np.nanmean(_off(window, channel))))
+
+
+def _off(window: xr.Dataset, channel: str) -> NDArray[np.float64]:
+    """[T] K, telemetry less prediction; NaN where it is not scored."""
+    own = window.sel(channel=channel)
+    mean = own["mean"].sel({"by": "stochastic"}).values
+    return np.where(own["scored"].values, own["observed"].values - mean, np.nan)
+
+
+def _beside(off: float) -> str:
+    return f"{number(abs(off), 2)} K {'above' if off > 0.0 else 'below'} the prediction"
 
 
 def _outside(window: xr.Dataset) -> str:
