@@ -17,6 +17,19 @@ settings.register_profile("flightcal", deadline=None)
 settings.load_profile("flightcal")
 
 
+def _keep_to_own_cores():
+    """Tests run side by side on cores of their own: threads of two processes on the same two cores get in their way."""
+    worker, count = os.environ.get("PYTEST_XDIST_WORKER"), int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if worker is None or not hasattr(os, "sched_setaffinity"):
+        return
+    allowed = sorted(os.sched_getaffinity(0))
+    if own := allowed[int(worker.removeprefix("gw")) % count :: count]:
+        os.sched_setaffinity(0, own)
+
+
+_keep_to_own_cores()
+
+
 def pytest_configure():
     """Have interrupts arrive: a shell that starts the tests in the background has them ignored, children inherit it."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():

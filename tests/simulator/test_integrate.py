@@ -1,7 +1,6 @@
 """The compiled integration and its adjoint against the JAX oracle and against finite differences."""
 
 import contextlib
-import os
 import sys
 import threading
 import time
@@ -9,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from flightcal.simulator import SimulationFailure, in_parallel, integrate
+from flightcal.simulator import SimulationFailure, cores, in_parallel, integrate
 from flightcal.simulator.system import Drive, System
 
 from .. import oracle
@@ -227,7 +226,7 @@ def test_what_runs_side_by_side_is_returned_in_order():
 
 
 def test_after_an_error_side_by_side_nothing_else_begins():
-    begun, cores = [], os.cpu_count() or 1
+    begun = []
 
     def task(k):
         begun.append(k)
@@ -236,5 +235,5 @@ def test_after_an_error_side_by_side_nothing_else_begins():
         time.sleep(0.2)
 
     with pytest.raises(ValueError, match="the second"):
-        in_parallel(task, 10 * cores + 10)
-    assert len(begun) <= max(2, cores)
+        in_parallel(task, 10 * cores() + 10)
+    assert len(begun) <= max(2, cores())

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from time import perf_counter
 
 from ..problem import Problem
 from ..scenario import NutsSettings
-from ..simulator import FloatArray
+from ..simulator import FloatArray, cores
 
 _TIMED = 5
 
@@ -24,5 +23,4 @@ def seconds_of_a_gradient(problem: Problem, z: FloatArray) -> float:
 def draws_in_turn(settings: NutsSettings, together: int = 1) -> float:
     """Draws, warm-up included, that each core makes; of samplings that share the cores, one's share of these."""
     chains = settings.chains * together
-    cores = min(chains, os.cpu_count() or 1)
-    return -(-chains // cores) / together * (settings.warmup + settings.draws)
+    return -(-chains // min(chains, cores())) / together * (settings.warmup + settings.draws)

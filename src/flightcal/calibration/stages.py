@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
@@ -15,7 +14,7 @@ from ..problem import Problem, functions_of_heat, rehearsals
 from ..progress import about
 from ..run import Run, Stage, plain, read_json
 from ..scenario import GeneticSettings, NutsSettings, heat_of
-from ..simulator import FloatArray
+from ..simulator import FloatArray, cores
 from .diagnostics import Diagnostics
 from .methods import calibrate_nuts
 from .optimisation import calibrate_genetic, genetic_points
@@ -77,13 +76,13 @@ def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -
     """
     timed = problem if heat_of(problem.scenario) is None else problem.independent()
     gradient = seconds_of_a_gradient(timed, timed.to_z(timed.priors.median()))
-    cores = min(settings.chains * together, os.cpu_count() or 1)
+    shared = min(settings.chains * together, cores())
     gradients = draws_in_turn(settings, together) * _GRADIENTS
     if timed is problem:
-        return gradients * gradient + _BESIDE / min(cores, together)
+        return gradients * gradient + _BESIDE / min(shared, together)
     numbers, functions = sum(int(window.valid.sum()) for window in problem.windows), functions_of_heat(problem)
-    absorbed = numbers * functions * (gradients * _ABSORBED + functions * _WEIGHED / min(cores, together))
-    return _WITH_HEAT * gradients * gradient + absorbed + _BESIDE_WITH_HEAT / min(cores, together)
+    absorbed = numbers * functions * (gradients * _ABSORBED + functions * _WEIGHED / min(shared, together))
+    return _WITH_HEAT * gradients * gradient + absorbed + _BESIDE_WITH_HEAT / min(shared, together)
 
 
 def rough_search_seconds(problem: Problem, settings: GeneticSettings) -> float:

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..simulator import FloatArray
+from ..simulator import FloatArray, cores
 from ._processes import at_fork, live
 from .executable import ending, last_words
 from .program import Outputs, RunFailure
@@ -166,6 +166,6 @@ def _give_back(worker: _Worker) -> None:
     """Keep the worker for the next run; of too many idle ones, the one that has been idle longest ends."""
     with _LOCK:
         _IDLE.append(worker)
-        surplus = [_IDLE.pop(0)] if len(_IDLE) > (os.cpu_count() or 1) else []
+        surplus = [_IDLE.pop(0)] if len(_IDLE) > cores() else []
     for old in surplus:
         old.close()

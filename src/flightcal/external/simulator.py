@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +13,7 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..scenario import ExternalModel, Numbers, Scenario, kind_of_simulator, numbers_of
-from ..simulator import FloatArray, IntArray, SimulationFailure, Switch, Trajectory
+from ..simulator import FloatArray, IntArray, SimulationFailure, Switch, Trajectory, cores
 from ._processes import kill_all
 from .program import Program, RunFailure, checked
 from .record import FINISHED, Outcome, Record
@@ -103,7 +102,7 @@ class ExternalSimulator:
     def run_many(self, thetas: FloatArray) -> list[Record]:
         """Runs at thetas [S, d], at most one for each core at a time; their order is kept."""
         stop = threading.Event()
-        pool = ThreadPoolExecutor(max(1, min(os.cpu_count() or 1, len(thetas))))
+        pool = ThreadPoolExecutor(max(1, min(cores(), len(thetas))))
         try:
             # The threads only wait; each run is a process of its own.
             return [future.result() for future in [pool.submit(self._run, theta, stop.is_set) for theta in thetas]]

@@ -7,7 +7,7 @@ from .assembly import ParameterMap, assemble, own_initial
 from .build import TIME_ERROR, network_simulator, open_loop
 from .drive import Times, divided, face_series, in_steps
 from .flow import flow_through, heat_of_inputs
-from .integrate import SimulationFailure, in_parallel, integrate, sensor_temperatures
+from .integrate import SimulationFailure, cores, in_parallel, integrate, sensor_temperatures
 from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
 from .kernels.lanes import WIDTH
 from .kernels.march import MarchCall, march

@@ -206,9 +206,15 @@ def sensor_temperatures(structure: Structure, system: System, drive: Drive, time
     return run.outputs.temperatures[0].copy()
 
 
+def cores() -> int:
+    """How many this process may use: all of the machine, or those that a scheduler or `taskset` leaves it."""
+    allowed = getattr(os, "sched_getaffinity", None)
+    return len(allowed(0)) if allowed is not None else os.cpu_count() or 1
+
+
 def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:
     """[task(0), ..., task(count - 1)] on all cores; the compiled functions release the interpreter lock."""
-    workers = min(os.cpu_count() or 1, count)
+    workers = min(cores(), count)
     if workers <= 1:
         return [task(k) for k in range(count)]
     results: list[Any] = [None] * count
@@ -235,4 +241,4 @@ def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:
 @cache
 def _threads(process: int) -> ThreadPoolExecutor:
     """Of a process, kept: to start threads may take longer than the simulations. A forked process has none."""
-    return ThreadPoolExecutor(os.cpu_count() or 1)
+    return ThreadPoolExecutor(cores())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -17,7 +16,7 @@ from ..compiled import Program, Row, Spare
 from .assembly import ParameterMap, assemble
 from .calls import Calls
 from .elimination import Elimination
-from .integrate import SimulationFailure, copied, in_parallel, switches
+from .integrate import SimulationFailure, copied, cores, in_parallel, switches
 from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
 from .kernels.sampling import ICE_POINT
@@ -276,9 +275,9 @@ class NetworkSimulator:
     ) -> list[T]:
         """What is taken of each simulation; take: of the outputs of so many, in place of which others come later."""
         few = len(thetas) < _FEW
-        cores = os.cpu_count() or 1
+        workers = cores()
         # Of the same size, and as many for each core.
-        chunks = cores * math.ceil(len(thetas) / (cores * _CHUNK))
+        chunks = workers * math.ceil(len(thetas) / (workers * _CHUNK))
         size = 1 if few else WIDTH * math.ceil(len(thetas) / (WIDTH * chunks))
 
         def simulate(first: int) -> list[T]:
