@@ -217,6 +217,15 @@ def test_quaternions_and_timelines_are_told_where_they_belong_and_are_no_channel
     assert "pointing" not in (tmp_path / "sat" / "scenario.yaml").read_text()
 
 
+def test_quaternions_are_not_told_as_measured_inputs_beside_those_that_are(tmp_path: Path):
+    table = frame(40).assign(w=1.0, x=0.0, y=0.0, z=0.0, rate=np.linspace(0.0, 3.0, 40))
+    table.to_csv(tmp_path / "data.csv", index=False)
+    said = " ".join(run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).output.split())
+    assert "'w', 'x', 'y', 'z' are quaternions" in said
+    assert "'rate': no unit" in said
+    assert "'z', 'rate': no unit" not in said
+
+
 def test_a_heater_whose_name_says_nothing_is_of_the_sensor_that_follows_it(tmp_path: Path):
     rising = np.arange(60) // 6 % 2 == 0
     warmth = np.where(rising, 10.0 + 0.5 * (np.arange(60) % 6), 13.0 - 0.5 * (np.arange(60) % 6))

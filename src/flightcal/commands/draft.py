@@ -95,7 +95,8 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
     channels = [own for own in channels if not any(own in some for some in turned)]
     names = {name: packet for name, packet in names.items() if any(own.packet == name for own in channels)}
     for name, packet in names.items():
-        kinds = [channel.kind for channel in channels if channel.packet == name]
+        own = [channel for channel in channels if channel.packet == name]
+        kinds = [channel.kind for channel in own]
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         written = "clock, whose epoch is a PLACEHOLDER"
         if packet.time is not None:
@@ -103,7 +104,7 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
         clock = ", ".join(f"'{name}'" for name in packet.clock)
         notes.append(f"{title}: times in {clock} ({written}); channels: {counts}")
-        bare = [f"'{column.name}'" for column in packet.columns if column.kind == "driver" and column.unit == "1"]
+        bare = [f"'{channel.column}'" for channel in own if channel.kind == "driver" and channel.unit == "1"]
         if bare:
             notes.append(f"{title}: {', '.join(bare)}: {_NO_UNIT}")
         if packet.left_out:
