@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..environment import sunlit_share
+from ..environment import slew_begins, sunlit_share
 from ..report import number
 from ..scenario import AttitudeTimeline
 from ..simulator import FloatArray
@@ -80,8 +80,7 @@ def _states(view: View) -> Iterator[tuple[str, NDArray[np.bool_]]]:
             yield f"while {name} is off", on <= 0.5
     attitude = window.scenario.environment.attitude
     if isinstance(attitude, AttitudeTimeline):
-        changes = np.array([change.at for change in attitude.timeline], "datetime64[ns]")
-        which = np.clip(np.searchsorted(changes, window.times[kept], side="right") - 1, 0, None)
+        which = np.searchsorted(slew_begins(attitude), window.times[kept], side="right")
         flown = [attitude.timeline[k].attitude for k in which]
         for name in dict.fromkeys(own for own in flown if isinstance(own, str)):
             yield f"in attitude '{name}'", np.array([own == name for own in flown])

@@ -448,16 +448,21 @@ class View(Comparison):
         """[R, k] K for heat of series [k, 2 K] W in each step of a node. Raises SimulationFailure."""
         simulator = window.network
         assert simulator is not None
-        inside = self.problem.at(self.window, self.problem.to_theta(z))[self.window.simulated]
         # So little that temperatures answer linearly, whatever the series is in.
         nudge = _NUDGE * max(self.heat.flow[self.heat.nodes.index(node)], 0.1) / (float(np.abs(series).max()) or 1.0)
         heat = np.zeros((len(series) + 1, len(simulator.network.heated), series.shape[1]))
         heat[1:, simulator.network.heated.index(node)] = nudge * series
-        runs = simulator.simulate_many(np.tile(inside, (len(heat), 1)), heat)
+        return self.warmed(window, z, heat) / nudge
+
+    def warmed(self, window: Window, z: FloatArray, heat: FloatArray) -> FloatArray:
+        """[R, k] K by which heat [1 + k, h, 2 K] W in each step warms more than the first. Raises SimulationFailure."""
+        assert window.network is not None
+        inside = self.problem.at(self.window, self.problem.to_theta(z))[self.window.simulated]
+        runs = window.network.simulate_many(np.tile(inside, (len(heat), 1)), heat)
         if any(run is None for run in runs):
-            raise SimulationFailure("a simulation with a little more heat fails")
-        flat = [self.read(run.temperatures) for run in runs if run is not None]
-        return np.asarray(((np.stack(flat[1:]) - flat[0]) / nudge).T)
+            raise SimulationFailure("a simulation with other heat fails")
+        first, *others = (self.read(run.temperatures) for run in runs if run is not None)
+        return np.asarray((np.stack(others) - first).T)
 
     def read(self, temperatures: FloatArray) -> FloatArray:
         """[R] K of temperatures [T, N] of the window."""

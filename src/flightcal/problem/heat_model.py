@@ -69,6 +69,10 @@ class Gain:
     watts: tuple[float, ...]
     """For each series' unit."""
 
+    def flow(self, series: Mapping[str, FloatArray]) -> FloatArray:
+        """W [..., t] of input series [..., t] by column."""
+        return np.asarray(sum(w * series[column] for column, w in zip(self.columns, self.watts, strict=True)))
+
 
 @dataclass(frozen=True)
 class Held:

@@ -85,11 +85,8 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
             series = in_all[group.part]
             found.append(Units(_one_node(model, [group.node] * len(series)), series))
         elif group.part == "gains":
-            place = {name: k for k, name in enumerate(window.network.network.columns)}
-            flows = [
-                sum(watts * drive.series[place[column]] for column, watts in zip(g.columns, g.watts, strict=True))
-                for g in model.gains
-            ]
+            series_of = dict(zip(window.network.network.columns, drive.series, strict=True))
+            flows = [gain.flow(series_of) for gain in model.gains]
             found.append(Units(_one_node(model, [gain.node for gain in model.gains]), np.stack(flows)))
         elif group.part == "changes":
             found.append(_change_heats(model, window, group.window == window.name))

@@ -15,7 +15,7 @@ from ...report import number
 from ...scenario import AttitudeTimeline, InertialAttitude, SampledAttitude, Scenario, SpinningAttitude
 from ...simulator import FloatArray
 from ..view import View
-from .wrong import Words, Wrong, closer, driven_otherwise, elsewhere, minutes, off, span_of
+from .wrong import Words, Wrong, attitude_of, closer, driven_otherwise, elsewhere, minutes, off, span_of
 
 _ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (1, 2, 3, 0))
 """Where the real part and the other three stand in a quaternion as written: in their order; the real part last; first
@@ -34,11 +34,9 @@ _SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 
 def attitudes(view: View) -> Iterator[Wrong]:
     """Another attitude than the scenario's."""
-    environment = view.window.scenario.environment
-    if environment.orbit is None or not view.window.scenario.network.faces:
-        return
-    for attitude in ("nadir", "sun_pointing"):
-        if attitude == environment.attitude:
+    written = attitude_of(view)
+    for attitude in ("nadir", "sun_pointing") if written is not None else ():
+        if attitude == written:
             continue
         scenario = elsewhere(view, attitude=attitude)
         words = Words(
@@ -51,13 +49,13 @@ def attitudes(view: View) -> Iterator[Wrong]:
 
 def quaternions(view: View) -> Iterator[Wrong]:
     """Quaternions are the other way round, or their real part stands elsewhere."""
-    environment = view.window.scenario.environment
-    if environment.orbit is None or not view.window.scenario.network.faces:
+    written = attitude_of(view)
+    if written is None:
         return
     others = [own for own in product(_ORDERS, (False, True)) if own != (_ORDERS[0], False)]
     for order, inverse in others:
-        attitude = _each(environment.attitude, partial(_read_otherwise, order=order, inverse=inverse))
-        if attitude == environment.attitude:
+        attitude = _each(written, partial(_read_otherwise, order=order, inverse=inverse))
+        if attitude == written:
             return
         how = [f"the real part in {'wxyz'[order[0]]} as it is written"] if order[0] else []
         how += ["quaternions that turn inertial vectors into the body's"] if inverse else []
@@ -94,9 +92,8 @@ def _read_otherwise(attitude: Any, order: Sequence[int], inverse: bool) -> Any:
 
 def spins(view: View) -> Iterator[Wrong]:
     """A spinner's axis points another way, or it turns at another rate; another axis of the body is a tilt."""
-    environment = view.window.scenario.environment
-    attitude = environment.attitude
-    if not isinstance(attitude, SpinningAttitude) or environment.orbit is None:
+    attitude = attitude_of(view)
+    if not isinstance(attitude, SpinningAttitude):
         return
     others: list[tuple[str, Any, str]] = []
     for axis, angle in product(np.eye(3), np.deg2rad(_SWINGS)):
@@ -118,11 +115,8 @@ def spins(view: View) -> Iterator[Wrong]:
 
 def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchanges: bool = True) -> Iterator[Wrong]:
     """Attitudes that follow each other do so sooner or later than written, or two of them are each other's."""
-    environment = view.window.scenario.environment
-    attitude = environment.attitude
-    if not isinstance(attitude, AttitudeTimeline) or environment.orbit is None:
-        return
-    if not view.window.scenario.network.faces:
+    attitude = attitude_of(view)
+    if not isinstance(attitude, AttitudeTimeline):
         return
     for late in map(float, seconds):
         changes = tuple(own.model_copy(update={"at": own.at + timedelta(seconds=late)}) for own in attitude.timeline)
@@ -155,8 +149,8 @@ def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchang
 
 def slews(view: View, factors: Sequence[float] | FloatArray = _SLEWS) -> Iterator[Wrong]:
     """Changes of attitude take longer than written, or less long."""
-    attitude = view.window.scenario.environment.attitude
-    if not isinstance(attitude, AttitudeTimeline) or not view.window.scenario.network.faces:
+    attitude = attitude_of(view)
+    if not isinstance(attitude, AttitudeTimeline):
         return
     for factor in map(float, factors):
         slew = attitude.slew * factor
@@ -172,8 +166,8 @@ def slews(view: View, factors: Sequence[float] | FloatArray = _SLEWS) -> Iterato
 
 def pointings(view: View) -> Iterator[Wrong]:
     """One attitude of those that follow each other is another one that has a name, or one change is late or early."""
-    attitude = view.window.scenario.environment.attitude
-    if not isinstance(attitude, AttitudeTimeline) or not view.window.scenario.network.faces:
+    attitude = attitude_of(view)
+    if not isinstance(attitude, AttitudeTimeline):
         return
     timeline, names = attitude.timeline, dict.fromkeys([*attitude.named, *(own.attitude for own in attitude.timeline)])
     begin, end = span_of(view)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ...errors import FlightcalError
 from ...report import listed
 from ...scenario import AttitudeChange, AttitudeTimeline, SpinningAttitude
-from ...simulator import FloatArray, SimulationFailure
+from ...simulator import FloatArray
 from ..view import View, pieces
-from .wrong import Words, Wrong, driven_otherwise, elsewhere, shine, span_of
+from .wrong import Words, Wrong, attitude_of, driven_otherwise, elsewhere, shine, span_of
 
 _PIECES = 96
 """Of a window, each of which may be in another attitude."""
@@ -103,10 +103,8 @@ def _best_of(left: FloatArray, inner: FloatArray, free: NDArray[np.bool_], which
 
 def _timeline(view: View) -> AttitudeTimeline | None:
     """The scenario's attitudes one after another; None: there is none, or nothing depends on it."""
-    scenario = view.window.scenario
-    attitude = scenario.environment.attitude
-    spun = isinstance(attitude, SpinningAttitude) and attitude.period is None
-    if scenario.environment.orbit is None or not scenario.network.faces or spun:
+    attitude = attitude_of(view)
+    if attitude is None or (isinstance(attitude, SpinningAttitude) and attitude.period is None):
         return None
     if isinstance(attitude, AttitudeTimeline):
         return attitude
@@ -131,23 +129,18 @@ def _effects(
 ) -> dict[str, FloatArray]:
     """[R, k] K of each attitude in each piece alone, in the place of what the scenario says; of those that differ."""
     flown, each = _absorbed(view, attitude), pieces(view.window, edges)
-    inside = view.problem.at(view.window, view.problem.to_theta(z))[view.window.simulated]
     found = {}
     for name in names:
         change = attitude.timeline[0].model_copy(update={"attitude": name})
         with suppress(FlightcalError):  # its quaternions are not known so long
             more = _absorbed(view, attitude.model_copy(update={"timeline": (change,)})) - flown
-            heat = each[:, None] * more
-            moved = np.flatnonzero(heat.any(axis=(1, 2)))
+            moved = np.flatnonzero(each @ np.abs(more).max(axis=0))
             if not len(moved):
                 continue
-            heat = np.concatenate([np.zeros_like(heat[:1]), heat[moved]])
-            runs = view.network.simulate_many(np.tile(inside, (len(heat), 1)), heat)
-            if any(run is None for run in runs):
-                raise SimulationFailure("a simulation in another attitude fails")
-            first, *others = (view.read(run.temperatures) for run in runs if run is not None)
-            found[name] = np.zeros((len(first), len(each)))
-            found[name][:, moved] = np.stack(others, axis=1) - first[:, None]
+            shares = np.concatenate([np.zeros((1, each.shape[1])), each[moved]])
+            warmed = view.warmed(view.window, z, shares[:, None] * more)
+            found[name] = np.zeros((len(warmed), len(each)))
+            found[name][:, moved] = warmed
     return found
 
 
@@ -161,9 +154,7 @@ def _absorbed(view: View, attitude: AttitudeTimeline) -> FloatArray:
     series = dict(zip(network.columns, inputs.reshape(-1, inputs.shape[2]).T, strict=True))
     absorbed = np.zeros((len(network.heated), 2 * len(inputs)))
     for gain in view.heat.gains:
-        row = absorbed[network.heated.index(view.heat.nodes[gain.node])]
-        for column, watts in zip(gain.columns, gain.watts, strict=True):
-            row += watts * series[column]
+        absorbed[network.heated.index(view.heat.nodes[gain.node])] += gain.flow(series)
     return absorbed
 
 

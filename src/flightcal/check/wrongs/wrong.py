@@ -12,7 +12,7 @@ import xarray
 
 from ...errors import FlightcalError
 from ...problem import Window
-from ...scenario import Load, ModeChange, Scenario, load_driver
+from ...scenario import Attitude, Load, ModeChange, Scenario, load_driver
 from ...simulator import FloatArray, SimulationFailure, divided, in_steps
 from ...telemetry import driver_series, status_fraction
 from ..evidence import AS_READ, Fit, Scale
@@ -183,6 +183,12 @@ def driven_otherwise(
     except (FlightcalError, SimulationFailure, ValueError):
         return
     yield Wrong(kind, about, words, window=window, tries=tries, closer=closer)
+
+
+def attitude_of(view: View) -> Attitude | None:
+    """The scenario's attitude; None: no sunlight on faces depends on it."""
+    scenario = view.window.scenario
+    return scenario.environment.attitude if scenario.environment.orbit and scenario.network.faces else None
 
 
 def elsewhere(view: View, **changes: Any) -> Scenario:
