@@ -39,6 +39,18 @@ def read_samples(path: Path, columns: tuple[str, ...], place: str, at_least: int
     return times, values
 
 
+def state_of(path: Path, place: str) -> tuple[int, int]:
+    """When a file was last written, and its size: what is made of it may be kept until these change.
+
+    place: what the error message begins with. Raises OrbitError when there is no such file.
+    """
+    try:
+        found = path.stat()
+    except OSError as error:
+        raise OrbitError(f"{place}: {error}") from None
+    return found.st_mtime_ns, found.st_size
+
+
 def within_span(at: Times, times: Times, place: str) -> None:
     """Raise OrbitError unless every time of `at` lies between the first and the last of `times`."""
     if at.size and (at.min() < times[0] or at.max() > times[-1]):

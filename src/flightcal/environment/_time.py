@@ -17,8 +17,8 @@ _TT_MINUS_UTC = 69.184
 """s, since 2017; it was 32 s in 1961-72. The difference moves the Sun by less than 0.0005 deg."""
 
 
-def seconds_since(times: Times, origin: np.datetime64) -> Floats:
-    """Seconds from `origin` to `times` [T] (leap seconds are not counted, as in every datetime64)."""
+def seconds_since(times: Times, origin: np.datetime64 | Times) -> Floats:
+    """Seconds from `origin`, one or [T], to `times` [T] (leap seconds are not counted, as in every datetime64)."""
     elapsed: Floats = (times - origin) / np.timedelta64(1, "s")
     return elapsed
 

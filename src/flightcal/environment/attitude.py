@@ -16,14 +16,17 @@ timeline        one of these after another. In a slew the body turns about one a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..errors import OrbitError
 from ..scenario import Attitude, AttitudeTimeline, InertialAttitude, SampledAttitude, SpinningAttitude
-from ._samples import read_samples, within_span
+from ._samples import read_samples, state_of, within_span
 from ._time import Floats, Times, seconds_since
 from .geometry import Geometry
 from .sun import OBLIQUITY
@@ -73,18 +76,24 @@ def slew_begins(attitude: AttitudeTimeline) -> Times:
 def _in_turn(attitude: AttitudeTimeline, at: Geometry, folder: Path) -> Floats:
     begin, kinds = slew_begins(attitude), attitude.attitudes
     which = np.searchsorted(begin, at.times, side="right")
+    matrices = _each(kinds, which, at, folder)
+    slewing = np.flatnonzero(which)
+    share = seconds_since(at.times[slewing], begin[which[slewing] - 1]) / attitude.slew
+    slewing, share = slewing[share < 1.0], share[share < 1.0]
+    if len(slewing):
+        before = Rotation.from_matrix(_each(kinds, which[slewing] - 1, at.some(slewing), folder))
+        turn = (before.inv() * Rotation.from_matrix(matrices[slewing])).as_rotvec()
+        matrices[slewing] = (before * Rotation.from_rotvec(share[:, None] * turn)).as_matrix()
+    return matrices
+
+
+def _each(kinds: Sequence[Attitude], which: NDArray[np.intp], at: Geometry, folder: Path) -> Floats:
+    """[T, 3, 3]: the attitude at each time, of `kinds` by number `which` [T]; one that comes again is asked once."""
     matrices = np.empty((len(at.times), 3, 3))
-    for k in np.unique(which):
-        here = np.flatnonzero(which == k)
-        matrices[here] = body_to_inertial(kinds[k], at.some(here), folder)
-        if k == 0:
-            continue
-        share = seconds_since(at.times[here], begin[k - 1]) / attitude.slew
-        slewing, share = here[share < 1.0], share[share < 1.0]
-        if len(slewing):
-            before = Rotation.from_matrix(body_to_inertial(kinds[k - 1], at.some(slewing), folder))
-            turn = (before.inv() * Rotation.from_matrix(matrices[slewing])).as_rotvec()
-            matrices[slewing] = (before * Rotation.from_rotvec(share[:, None] * turn)).as_matrix()
+    for kind in dict.fromkeys(kinds):
+        here = np.flatnonzero(np.array([own == kind for own in kinds])[which])
+        if len(here):
+            matrices[here] = body_to_inertial(kind, at.some(here), folder)
     return matrices
 
 
@@ -110,13 +119,23 @@ def _shortest_turn(start: Floats, end: Floats) -> Rotation:
 
 def _sampled(attitude: SampledAttitude, at: Geometry, folder: Path) -> Floats:
     place = f"environment.attitude.quaternions: {attitude.quaternions}"
-    times, quaternions = read_samples(folder / attitude.quaternions, attitude.columns, place, at_least=2)
+    path = folder / attitude.quaternions
+    times, slerp = _interpolated(attitude, path, place, state_of(path, place))
     within_span(at.times, times, place)
+    matrices: Floats = slerp(seconds_since(at.times, times[0])).as_matrix()
+    return matrices
+
+
+@lru_cache(maxsize=16)
+def _interpolated(attitude: SampledAttitude, path: Path, place: str, _: tuple[int, int]) -> tuple[Times, Slerp]:
+    """Times [N] of a file's samples and the turns between them, by s since the first; kept while the file is as it is.
+
+    Many orbits and attitudes are tried on the same samples.
+    """
+    times, quaternions = read_samples(path, attitude.columns, place, at_least=2)
     if not quaternions.any(axis=1).all():
         raise OrbitError(f"{place}: found a quaternion of length zero, expected length 1 (w, x, y, z)")
     rotations = Rotation.from_quat(unit(quaternions), scalar_first=True)
     if attitude.turns == "inertial_to_body":
         rotations = rotations.inv()
-    slerp = Slerp(seconds_since(times, times[0]), rotations)
-    matrices: Floats = slerp(seconds_since(at.times, times[0])).as_matrix()
-    return matrices
+    return times, Slerp(seconds_since(times, times[0]), rotations)

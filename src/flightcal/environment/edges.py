@@ -84,7 +84,7 @@ def sample_times(environment: Environment, folder: Path = Path()) -> Times:
     files: list[tuple[str, tuple[str, ...], str]] = []
     if isinstance(environment.orbit, SampledOrbit):
         files.append((environment.orbit.positions, ("x", "y", "z"), "environment.orbit.positions"))
-    for kind in kinds:
+    for kind in dict.fromkeys(kinds):
         if isinstance(kind, SampledAttitude):
             files.append((kind.quaternions, kind.columns, "environment.attitude.quaternions"))
     found = [read_samples(folder / name, columns, f"{place}: {name}", 2)[0] for name, columns, place in files]
