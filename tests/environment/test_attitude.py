@@ -103,6 +103,15 @@ def test_sampled_quaternions_are_met_and_turned_between_evenly(tmp_path):
     assert x[1] == pytest.approx([np.cos(np.radians(40)), np.sin(np.radians(40)), 0], abs=1e-12)
 
 
+def test_quaternions_are_read_again_when_their_file_has_changed(tmp_path):
+    samples, turned = TIMES[[0, -1]], Rotation.from_rotvec(np.radians([[0, 0, 90]] * 2))
+    found = []
+    for rotations in (Rotation.identity(2), turned):
+        write_quaternions(tmp_path / "attitude.csv", samples, rotations)
+        found.append(axes({"quaternions": "attitude.csv"}, TIMES, tmp_path)[0][0])
+    assert np.array(found) == pytest.approx(np.array([[1, 0, 0], [0, 1, 0]]), abs=1e-12)
+
+
 def test_quaternions_of_another_order_that_turn_the_other_way_are_read_as_the_file_has_them(tmp_path):
     rotations = Rotation.from_euler("zyx", [[10, 20, 30], [80, 40, 0]], degrees=True)
     samples = seconds_after(EPOCH, [0.0, 600.0])

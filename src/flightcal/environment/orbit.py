@@ -8,6 +8,7 @@ heat flux.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import erfa
@@ -17,7 +18,7 @@ from sgp4.api import SGP4_ERRORS, Satrec
 
 from ..errors import OrbitError
 from ..scenario import CircularOrbit, Environment, KeplerianOrbit, Orbit, SampledOrbit, TleOrbit
-from ._samples import read_samples, within_span
+from ._samples import read_samples, state_of, within_span
 from ._time import Floats, Times, julian_dates, seconds_since
 from .sun import sun_position
 
@@ -264,7 +265,14 @@ def _tle(orbit: TleOrbit) -> Propagator:
 def _sampled(orbit: SampledOrbit, folder: Path) -> tuple[Propagator, float]:
     """Propagator (cubic spline through the samples) and orbital period in s of a file of positions."""
     place = f"environment.orbit.positions: {orbit.positions}"
-    times, positions = read_samples(folder / orbit.positions, ("x", "y", "z"), place, at_least=4)
+    path = folder / orbit.positions
+    return _interpolated(path, place, state_of(path, place))
+
+
+@lru_cache(maxsize=4)
+def _interpolated(path: Path, place: str, _: tuple[int, int]) -> tuple[Propagator, float]:
+    """Kept while the file is as it is: attitudes and faces are tried on the same orbit."""
+    times, positions = read_samples(path, ("x", "y", "z"), place, at_least=4)
     radius = np.linalg.norm(positions, axis=1)
     if radius.min() < EARTH_RADIUS:
         raise OrbitError(
