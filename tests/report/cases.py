@@ -279,6 +279,13 @@ class Case:
         return self.make.__name__
 
 
+def differs(channel: str, kelvins: float, window: str = "test", others: int = 0) -> str:
+    """The next step where channels are off all the time."""
+    more = f", and {others} more likewise" if others else ""
+    off = f"{abs(kelvins)} K {'above' if kelvins > 0.0 else 'below'} the prediction"
+    return f"Find what differs in “{window}”: {channel} is {off} from beginning to end{more}."
+
+
 CASES = (
     Case("Nothing is wrong.", good, USE, HOLDS, TRIED),
     Case("Nothing is wrong, and there are no heaters.", no_heaters, USE, HOLDS, TRIED),
@@ -307,13 +314,13 @@ CASES = (
     ),
     Case(
         "One channel reads 5 K too much in flight.", one_channel_fails, BATTERY,
-        f"{FAILS} battery_temperature in “test”, 0.0% inside", CHECK, WITH_LIMITS,
+        f"{FAILS} battery_temperature in “test”, 0.0% inside", differs("battery_temperature", 5.0), WITH_LIMITS,
     ),
     Case(
         "One channel reads 1.5 K too little, hard to see beside its swing of 50 K.", colder_by_a_little,
         "Use it for temperatures of battery_temperature and payload_temperature, but not for temperatures of "
         "panel_temperature.",
-        f"{FAILS} panel_temperature in “test”, 9.8% inside", CHECK, WITH_LIMITS,
+        f"{FAILS} panel_temperature in “test”, 9.8% inside", differs("panel_temperature", -1.6), WITH_LIMITS,
     ),
     Case(
         "Half of a channel is outside, all the time on one side: by chance or not.", errors_as_long_as_the_window,
@@ -339,22 +346,24 @@ CASES = (
         "One channel has drifted after two months.", one_of_two_windows_fails,
         "Use it for temperatures of panel_temperature and battery_temperature, but not for temperatures of "
         "payload_temperature.",
-        f"{FAILS} payload_temperature in “two_months_later”, 0.0% inside", CHECK, WITH_LIMITS,
+        f"{FAILS} payload_temperature in “two_months_later”, 0.0% inside",
+        differs("payload_temperature", 5.0, "two_months_later"), WITH_LIMITS,
     ),
     Case(
         "All channels read 5 K too much.", all_channels_fail, NOT,
-        "Intervals do not hold in 3 of 3 channels, worst battery_temperature in “test”, 0.0% inside", CHECK,
-        MODEL_FAILED,
+        "Intervals do not hold in 3 of 3 channels, worst battery_temperature in “test”, 0.0% inside",
+        differs("battery_temperature", 5.0, others=2), MODEL_FAILED,
     ),
     Case(
         "The only channel, of a long name, reads 5 K too much.", one_channel_of_a_long_name, NOT,
-        f"Intervals do not hold: {LONG} in “test”, 0.0% inside", CHECK, MODEL_FAILED,
+        f"Intervals do not hold: {LONG} in “test”, 0.0% inside", differs(LONG, 5.0), MODEL_FAILED,
     ),
     Case(
         "Two of twelve channels fail; there are thirty parameters.", many_channels_and_parameters,
         "Use it for temperatures of 10 of 12 channels, but not for temperatures of tray_1_outer_temp and "
         "tray_4_outer_temp.",
-        "Intervals do not hold in 2 of 12 channels, worst tray_1_outer_temp", CHECK, WITH_LIMITS,
+        "Intervals do not hold in 2 of 12 channels, worst tray_1_outer_temp",
+        differs("tray_1_outer_temp", 5.0, others=1), WITH_LIMITS,
     ),
     Case(
         "A heater is on twice as long as predicted.", heater_is_off, f"{ALL} the duty cycle of battery_heater.",
@@ -402,6 +411,6 @@ CASES = (
     Case(
         "One channel reads 5 K too much, on a page to pass on.", masked_to_be_passed_on,
         "Use it for temperatures of channel 1 and channel 3, but not for temperatures of channel 2.",
-        f"{FAILS} channel 2 in “test”, 0.0% inside", CHECK, WITH_LIMITS,
+        f"{FAILS} channel 2 in “test”, 0.0% inside", differs("channel 2", 5.0), WITH_LIMITS,
     ),
 )  # fmt: skip

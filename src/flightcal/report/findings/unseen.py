@@ -21,8 +21,8 @@ STRIKING = 0.6
 """Share inside the interval that no reader takes for 95%, though errors as long as the window can make it by chance."""
 _OUTSIDE = 0.05
 """Share of a window's time outside of what training contained, above which a title says so."""
-
-
+_CONSTANT = 0.9
+"""Share of the root mean square of an error that is its mean, above which it is there all the time."""
 _OF_DUTY = {"inside": "", "beside": ", beside it, as may be by chance", "outside": ", which leaves telemetry out"}
 """What is added of a duty cycle by where it lies."""
 
@@ -41,7 +41,7 @@ def holding(run: RunFiles) -> Finding:
     failed: dict[str, None] = {}
     channels: dict[str, None] = {}
     few: dict[str, tuple[float, str]] = {}
-    worst, details = ("", "", math.inf), []
+    worst, details = ("", "", "", math.inf), []
     for name, held in judged.items():
         window = windows[name]
         words = []
@@ -59,7 +59,7 @@ def holding(run: RunFiles) -> Finding:
                     how += f", {kelvins} at {when} and {held.lasting[k]:.0f} deviations for five minutes or more"
                 elif held.error[k] > held.most_error[k]:
                     how += f" and {held.error[k]:.1f} deviations off"
-                worst = min(worst, (name, f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[2])
+                worst = min(worst, (name, channel, f"in “{name}”, {how}", held.room[k]), key=lambda own: own[-1])
                 said += f", does not hold: {held.why(k)}; on average {_on_average(window, channel)}"
             elif share < STRIKING:
                 few[channel] = min(few.get(channel, (1.0, "")), (share, name))
@@ -88,10 +88,11 @@ def holding(run: RunFiles) -> Finding:
         title += _outside(windows[name])
         then = _then(name, windows[name], "Add longer windows to test on: windows: {test: {start: ..., end: ...}}")
         return Finding("warn", title, text, tuple(details), tuple(map(temperatures_of, few)), then)
-    title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {worst[1]}"
+    at, first, how, _ = worst
+    title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {first} {how}"
     if len(channels) == 1:
-        title = f"Intervals do not hold: {worst[1]}"
-    title += _outside(windows[worst[0]])
+        title = f"Intervals do not hold: {first} {how}"
+    title += _outside(windows[at])
     doubtful = {channel: own for channel, own in few.items() if channel not in failed}
     if doubtful:
         channel, (share, name) = min(doubtful.items(), key=lambda own: own[1])
@@ -99,7 +100,10 @@ def holding(run: RunFiles) -> Finding:
         title += f"; {channel}{others} may not either (only {percent(share)} in “{name}”)"
     state: State = "bad" if 2 * (len(failed) + len(doubtful)) >= len(channels) else "warn"
     not_for = tuple(map(temperatures_of, [*failed, *doubtful]))
-    then = CHECK if state == "bad" else _then(worst[0], windows[worst[0]], CHECK)
+    there = windows[at]["channel"].values[judged[at].room < 0.0].tolist()
+    then = _beside_throughout(at, windows[at], sorted(there, key=lambda own: own != first))
+    if unseen_share(windows[at]) > _OUTSIDE:
+        then = CHECK if state == "bad" else _then(at, windows[at], CHECK)
     return Finding(state, title, text, tuple(details), not_for, then)
 
 
@@ -160,6 +164,19 @@ def _farthest(window: xr.Dataset, channel: str) -> tuple[str, str]:
 
 def _on_average(window: xr.Dataset, channel: str) -> str:
     return _beside(float(np.nanmean(_off(window, channel))))
+
+
+def _beside_throughout(name: str, window: xr.Dataset, channels: Sequence[str]) -> str:
+    """What to do next where channels, the worst first, do not hold: those that are off all the time are told."""
+    off = {channel: _off(window, channel) for channel in channels}
+    constant = [
+        channel for channel, own in off.items() if abs(np.nanmean(own)) > _CONSTANT * np.sqrt(np.nanmean(own**2))
+    ]
+    if not constant:
+        return CHECK
+    first, *others = constant
+    more = f", and {len(others)} more likewise" if others else ""
+    return f"Find what differs in “{name}”: {first} is {_on_average(window, first)} from beginning to end{more}."
 
 
 def _off(window: xr.Dataset, channel: str) -> NDArray[np.float64]:
