@@ -267,6 +267,15 @@ def test_a_wrong_that_leaves_most_of_a_misfit_is_not_named_however_many_nats_it_
     assert [own.kind for own in ranked([better("bias", fit(1.1, 50.0), 250.0)], crude)] == ["bias"]
 
 
+def test_a_clock_that_explains_much_is_named_whatever_a_real_satellite_s_model_lacks_beside():
+    real = fit(3.3, 550.0)
+    clock, heat = better("clock", fit(1.2, 155.0), 390.0), better("missing heat", fit(0.9, 95.0), 366.0)
+    bias = better("bias", fit(1.2, 155.0), 395.0)
+    assert [own.kind for own in ranked([bias, clock, heat], real)] == ["clock", "missing heat"]
+    assert ranked([better("clock", fit(3.0, 500.0), 50.0)], real) == []
+    assert ranked([better("clock", fit(1.1, 100.0), 25.0)], fit(1.2, 160.0)) == []
+
+
 def test_beside_a_simulator_that_is_only_run_a_wrong_that_leaves_it_far_off_is_not_named():
     other = better("clock", fit(4.9, 1100.0, size=1.0), 1800.0)
     assert ranked([other], fit(11.6, 2900.0), 0.5, 8.0, 2.0) == []

@@ -22,6 +22,11 @@ BAD, _WORSE = 2.0, 4.0
 where none does."""
 _LEFT = 0.2
 """Share of what a right model has in more than nothing wrong, that one wrong may lack and still be what is named."""
+_NOT_IMITATED = frozenset({"clock", "orbit", "attitude", "driver"})
+"""Kinds of wrongs that a model does not ask for which is only too simple:"""
+_MOST, _MUCH = 0.2, 3.0 * CLEAR
+"""one that explains so much of it, and so many nats, is named whatever is left. The model of a real satellite lacks
+something where nothing is wrong."""
 _FAR = 5.0
 """Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
 of them, one is there about as seldom as `CLEAR` says."""
@@ -83,11 +88,18 @@ def suspicion_of(wrong: Wrong, fit: Fit, nats: float) -> Suspicion:
 def ranked(
     best: list[tuple[Fit, Suspicion]], nothing: Fit, left: float = _LEFT, far: float = _FAR, bad: float = np.inf
 ) -> list[Suspicion]:
-    """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, and nothing far off."""
-    explains = [
-        own for own in best if own[0].is_usual or (own[0].lacking < left * nothing.lacking and own[0].misfit < bad)
-    ]
-    named = [own for fit, own in explains if fit.farthest < far]
+    """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, or explains much that no
+    simple model asks for; and nothing is far off."""
+    near = [(fit, own, own.nats or 0.0) for fit, own in best if fit.farthest < far]
+    enough = max(_MUCH, _MOST * nothing.lacking)
+    explains = []
+    for fit, own, nats in near:
+        explained = fit.lacking < left * nothing.lacking or (own.kind in _NOT_IMITATED and nats > enough)
+        if fit.is_usual or (explained and fit.misfit < bad):
+            explains.append(own)
+    # What explains still more, odds counted, is no less likely for leaving more.
+    least = min((own.nats or 0.0 for own in explains), default=np.inf)
+    named = [own for _, own, nats in near if own in explains or (own.kind in _NOT_IMITATED and nats >= least)]
     most = max((own.nats or 0.0 for own in named), default=0.0)
     return [own for own in named[:_SHOWN] if most - (own.nats or 0.0) < max(CLEAR, _NEAR * most)]
 

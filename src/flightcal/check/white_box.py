@@ -179,8 +179,8 @@ def _by_what_is_left(view: View, look: _Look) -> Iterator[Wrong]:
 def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[str] = ()) -> list[Wrong]:
     """Wrongs whose first look is promising, the likeliest first, odds counted, and few of a kind.
 
-    Then the best of kinds that none of these is of, those that explain most, odds or not, and of each kind that
-    explains why a status does not do what thresholds say, the likeliest about one of `odd`.
+    Then the best of kinds that none of these is of, those that explain most, odds or not, the likeliest clock, and of
+    each kind that explains why a status does not do what thresholds say, the likeliest about one of `odd`.
     """
     found: list[Wrong] = []
     likely = _unlike(sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]))
@@ -194,6 +194,7 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[s
             found.append(wrong)
     by_gain = sorted(likely, key=lambda item: -item[0])
     largest = [wrong for gain, wrong in by_gain[:_LARGEST] if gain > _PROMISING]
+    largest += [wrong for gain, wrong in likely if gain > _PROMISING and wrong.kind == "clock"][:1]
     explaining: dict[str, Wrong] = {}
     for _, wrong in likely:
         if wrong.kind in OF_THERMOSTATS and wrong.about in odd:

@@ -29,9 +29,12 @@ def test_a_clock_is_rather_off_by_less_than_half_an_orbit(tmp_path):
 def test_a_clock_that_is_off_by_an_hour_but_for_an_orbit_is_told_of_both(tmp_path):
     view = prepared(*small.closed_loop(tmp_path, sunlit()))
     assert view is not None
-    seconds = [3600.0 - view.window.period, 1300.0]
-    first, second = (wrong.words.sentence for wrong in clocks(view, seconds))
+    period = view.window.period
+    first, far, second = (
+        wrong.words.sentence for wrong in clocks(view, [3600.0 - period, 4.0 * 3600.0 - 3.0 * period, 1300.0])
+    )
     assert "whole orbits more or less may be as good, such as 1 h late." in first
+    assert "such as 4 h late." in far
     assert "may be as good." in second
 
 

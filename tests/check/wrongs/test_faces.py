@@ -15,6 +15,14 @@ def test_a_face_that_looks_the_other_way_is_named(tmp_path):
     assert named(scenario, data)[0].title == "Face outside looks another way"
 
 
+def test_a_body_that_tumbles_is_named(tmp_path):
+    written = sunlit()
+    scenario, _ = small.load(tmp_path, written)
+    written["simulator"]["faces"]["outside"]["normal"] = "all"
+    _, data = small.closed_loop(tmp_path, written)
+    assert named(scenario, data)[0].title == "The body tumbles"
+
+
 @pytest.mark.parametrize(
     "name", ["outside", pytest.param("panel", marks=pytest.mark.slow)], ids=["of its own name", "called as its node"]
 )

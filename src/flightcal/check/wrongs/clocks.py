@@ -70,9 +70,11 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS, apart: fl
 
 
 def _an_hour(late: float, period: float) -> str:
-    """In words, the whole hours that time tags are off by if they are off by an orbit more or less."""
-    hours = (round(own / 3600.0) for own in (late - period, late + period) if abs(own / 3600.0 % 1.0 - 0.5) > _NEAR)
-    whole = next((own for own in hours if own), None)
+    """In words, the fewest whole hours that time tags are off by if they are off by orbits more or less."""
+    orbits = np.arange(1.0, ZONES // period + 1.0)
+    others = (late + period * np.concatenate([-orbits, orbits])) / 3600.0
+    hours = np.round(others[np.abs(others % 1.0 - 0.5) > _NEAR]).astype(int)
+    whole = min((own for own in hours.tolist() if own), key=abs, default=None)
     return "" if whole is None else f"{abs(whole)} h {'late' if whole > 0 else 'early'}"
 
 
@@ -85,7 +87,8 @@ def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterato
             "agrees with sunlight, eclipses and modes.",
             f"Check the zone of the time column; shift it by {-late:+.0f} s",
         )
-        yield from driven_otherwise("clock", "zone", words, view, tries=len(_ZONES), sunlight=late, modes=late)
+        tries = _WHOLE_ORBITS * len(_ZONES)
+        yield from driven_otherwise("clock", "zone", words, view, tries=tries, sunlight=late, modes=late)
 
 
 def rates(view: View, shares: Sequence[float] | FloatArray = _RATES, late: float = 0.0) -> Iterator[Wrong]:

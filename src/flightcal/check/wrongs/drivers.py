@@ -20,6 +20,8 @@ from .wrong import FACTORS, FEW_TIMES, LACKED, PIECES, POWER, Words, Wrong, flow
 
 _MOST_POINTS = 6
 """Of a table, any two of which may be exchanged."""
+_OF_UNIT = 8
+"""Ways in which a driver may be of another unit or sign."""
 
 
 def drivers(view: View) -> Iterator[Wrong]:
@@ -29,18 +31,11 @@ def drivers(view: View) -> Iterator[Wrong]:
         column = view.network.network.columns.index(f"driver.{name}")
         yield from _driver_of_any_size(view, name, column, len(loads))
         yield from _unlike_driver(view, name, column, len(loads))
-        yield from _driver_times(view, name, column, FEW_TIMES, len(loads))
-        for factor in (-1.0, 0.0, *FACTORS):
-            how = {-1.0: "has the wrong sign", 0.0: "does nothing"}.get(
-                factor, f"is {number(1.0 / (factor or 1.0), 4)} times what it should be"
-            )
-            words = Words(
-                f"The driver {load.driver} {how}",
-                f"With {factor:g} times {load.driver}, the heat of load {name} explains the telemetry.",
-                f"Check 'unit' of {load.driver} and 'coefficient' of load {name}",
-            )
+        yield from _driver_times(view, name, column, (*FEW_TIMES, *FACTORS), len(loads))
+        for factor, how in ((-1.0, "has the wrong sign"), (0.0, "does nothing")):
+            words = _of_unit(load.driver, name, factor, how)
             window = _with_driver(view, column, factor)
-            yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
+            yield Wrong("driver", load.driver, words, window=window, tries=_OF_UNIT * len(loads))
 
 
 def _with_driver(view: View, column: int, factor: float) -> Window:
@@ -98,12 +93,25 @@ def _driver_times(
 ) -> Iterator[Wrong]:
     """The same as the simulator has it: much more heat does not do so many times as much."""
     driver = view.window.scenario.network.loads[load].driver
-    for factor in factors:
+    for factor in map(float, factors):
         if abs(factor - 1.0) < POWER:
             continue
-        words, window = _of_driver(driver, load, factor), _with_driver(view, column, factor)
-        near = partial(_driver_times, view, load, column, factor * 2.0 ** np.linspace(-0.4, 0.4, 7), tries)
-        yield Wrong("driver", driver, words, window=window, tries=tries, closer=near)
+        window = _with_driver(view, column, factor)
+        others = np.union1d(factor * 2.0 ** np.linspace(-0.4, 0.4, 7), FACTORS)
+        near = partial(_driver_times, view, load, column, others[others != factor], tries)
+        if factor in FACTORS:
+            words = _of_unit(driver, load, factor, f"is {number(1.0 / factor, 4)} times what it should be")
+            yield Wrong("driver", driver, words, window=window, tries=_OF_UNIT * tries, closer=near)
+        else:
+            yield Wrong("driver", driver, _of_driver(driver, load, factor), window=window, tries=tries, closer=near)
+
+
+def _of_unit(driver: str, load: str, factor: float, how: str) -> Words:
+    return Words(
+        f"The driver {driver} {how}",
+        f"With {factor:g} times {driver}, the heat of load {load} explains the telemetry.",
+        f"Check 'unit' of {driver} and 'coefficient' of load {load}",
+    )
 
 
 def _of_driver(driver: str, load: str, times: float) -> Words:

@@ -272,5 +272,20 @@ def _rotated(normal: FaceNormal, turn: FloatArray) -> FaceNormal:
     return x, y, z
 
 
-WRONGS = (faces, elsewhere, tilts)
+def tumbling(view: View) -> Iterator[Wrong]:
+    """The body tumbles, and its faces see all directions alike."""
+    model = view.window.scenario.network
+    if view.window.scenario.environment.orbit is None or all(face.normal == "all" for face in model.faces.values()):
+        return
+    looking = {name: face.model_copy(update={"normal": "all"}) for name, face in model.faces.items()}
+    scenario = view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
+    words = Words(
+        "The body tumbles",
+        "With faces that see all directions alike, sunlight and Earth's heat explain the telemetry.",
+        "Write 'normal: all' for its faces, or how it spins in 'environment: attitude'",
+    )
+    yield from driven_otherwise("attitude", "tumbling", words, view, tries=2, scenario=scenario)
+
+
+WRONGS = (faces, elsewhere, tilts, tumbling)
 """What looks for them."""
