@@ -132,6 +132,21 @@ def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
     assert (found.clock, found.time, found.first) == (("SCLK",), None, 515721623)
 
 
+@pytest.mark.parametrize(("epoch", "leap"), [("2000-01-01", None), ("2000-01-01T12:00", None), ("1980-01-06", True)])
+def test_seconds_of_another_epoch_are_told_by_the_times_of_the_other_files(tmp_path: Path, epoch: str, leap: bool):
+    utc = pd.date_range("2024-03-01", periods=200, freq="60s")
+    seconds = (utc - pd.Timestamp(epoch)).total_seconds().astype(int)
+    pd.DataFrame({"UTC": utc.astype(str), "TT_BAT": range(200)}).to_csv(tmp_path / "a.csv", index=False)
+    pd.DataFrame({"obc_time": seconds[::3], "TT_PNL": range(67)}).to_csv(tmp_path / "b.csv", index=False)
+    first, second = detect([tmp_path / "a.csv", tmp_path / "b.csv"])
+    assert second.time is not None
+    assert (second.time.format, pd.Timestamp(second.time.epoch)) == ("clock", pd.Timestamp(epoch))
+    assert (second.time.leap_seconds, second.first) == (leap, first.first)
+    # Alone, nothing says that they are no UNIX times.
+    (alone,) = detect([tmp_path / "b.csv"])
+    assert alone.time is None or alone.time.format == "unix"
+
+
 @pytest.mark.parametrize(
     ("name", "cells", "expected"),
     [

@@ -100,7 +100,9 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         written = "clock, whose epoch is a PLACEHOLDER"
         if packet.time is not None:
-            written = f"{packet.time.format}, from {np.datetime_as_string(np.datetime64(int(packet.first), 'ns'), 's')}"
+            begin = np.datetime_as_string(np.datetime64(int(packet.first), "ns"), "s")
+            since = "" if packet.time.epoch is None else f" since {packet.time.epoch:%Y-%m-%dT%H:%M}"
+            written = f"{packet.time.format}{since}, from {begin}"
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
         clock = ", ".join(f"'{name}'" for name in packet.clock)
         notes.append(f"{title}: times in {clock} ({written}); channels: {counts}")

@@ -24,6 +24,13 @@ from .readers import Parquet, Source, locate, read_table, sheets
 from .readings import comes_again, names_of, typed
 from .time_columns import LOOKED_AT, coarse_of, fine_of, is_numeric, is_second_time, time_of
 
+_COUNTS = {"unix": "1 Hz", "unix-ms": "1000 Hz", "unix-us": "1000000 Hz", "unix-ns": "1000000000 Hz"}
+"""Counts a second of the UNIX formats."""
+_USUAL_EPOCHS = {
+    "2000-01-01": False, "2000-01-01T12:00:00": False, "1980-01-06": True, "1958-01-01": True, "1998-01-01": False,
+    "2001-01-01": False,
+}  # fmt: skip
+"""Of clocks of spacecraft, and whether they count leap seconds too."""
 _DEEPEST_HEADER = 20
 """So far down a file's title may reach."""
 _STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
@@ -119,7 +126,32 @@ def detect(files: list[Path]) -> list[FoundPacket]:
                 found[same[0]] = _together(found[same[0]], packet)
             else:
                 found.append(packet)
-    return found
+    return [_of_usual_epoch(packet, [own for own in found if own is not packet]) for packet in found]
+
+
+def _of_usual_epoch(packet: FoundPacket, others: list[FoundPacket]) -> FoundPacket:
+    """A packet whose UNIX times no other packet shares, as a clock of the usual epoch that brings it to the others."""
+
+    def shared(first: float, last: float) -> float:
+        known = [own for own in others if own.time is not None]
+        return max((min(last, own.last) - max(first, own.first) for own in known), default=0.0)
+
+    if packet.time is None or packet.time.format not in _COUNTS or shared(packet.first, packet.last) > 0.0:
+        return packet
+
+    def since(epoch: str) -> tuple[float, float]:
+        zero = float(np.datetime64(epoch, "ns").astype(np.int64))
+        return packet.first + zero, packet.last + zero
+
+    epoch = max(_USUAL_EPOCHS, key=lambda epoch: shared(*since(epoch)))
+    first, last = since(epoch)
+    if shared(first, last) <= 0.0:
+        return packet
+    time = TimeColumn.model_validate({
+        "column": packet.time.column, "format": "clock", "epoch": epoch, "rate": _COUNTS[packet.time.format],
+        "leap_seconds": _USUAL_EPOCHS[epoch] or None, "invalid": packet.time.invalid,
+    })  # fmt: skip
+    return replace(packet, time=time, first=first, last=last)
 
 
 def _kind(packet: FoundPacket) -> tuple[object, ...]:
