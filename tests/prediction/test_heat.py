@@ -306,6 +306,13 @@ def test_a_thermostat_is_expected_to_scatter_as_readings_of_its_thermistor_do(ca
     assert _usual_scatter(unseen, problem.at(window, draws[:1])[0]) == 0.15
 
 
+def test_a_prediction_tells_how_far_above_its_thresholds_a_heater_switches(case):
+    *_, drawn = case
+    told = predicted(case, "test.later")["threshold_offset"]
+    np.testing.assert_allclose(told.values[:, 0], drawn.thresholds.offsets.mean(axis=0)[:, 0])
+    assert told["direction"].values.tolist() == ["on", "off"]
+
+
 def test_without_heaters_there_are_no_thresholds(tmp_path_factory):
     data = flown(tmp_path_factory.mktemp("flown"), 0.0)
     *_, drawn = drawn_of(tmp_path_factory.mktemp("heat"), written(heaters=False), data)

@@ -340,6 +340,25 @@ def test_noise_that_lasts_for_longer_than_its_prior_says_is_a_caution_where_ther
         assert not [title for title in findings(correlated(right)) if "lasts for" in title]
 
 
+def test_a_heater_that_switches_beside_its_thresholds_is_told_by_how_much(run):
+    """As where the channel of its sensor reads 2 K too high: temperatures are predicted as that reads."""
+
+    def switching(on, off):
+        offsets = np.zeros((2, run.windows["test"].sizes["heater"]))
+        offsets[:, list(run.windows["test"]["heater"].values).index("battery_heater")] = on, off
+        windows = {
+            name: own.assign(threshold_offset=(("direction", "heater"), offsets)) for name, own in run.windows.items()
+        }
+        return dataclasses.replace(run, windows=windows)
+
+    found = about(switching(1.1, 1.4), "battery_heater switches 1.2 K above its thresholds, or more")
+    assert (found.state, found.not_for) == ("warn", ("the thresholds of battery_heater",))
+    assert about(switching(-1.4, -1.1), "battery_heater switches 1.2 K below its thresholds, or more")
+    # One that has a wider band is beside neither.
+    for right in ((0.4, 0.3), (-1.4, 1.2)):
+        assert not [title for title in findings(switching(*right)) if "its thresholds" in title]
+
+
 def test_a_channel_that_does_not_hold_is_told_with_its_mean_error(run):
     finding = about(one_channel_fails(run), "Intervals do not hold in 1 of 3 channels, worst battery_temperature")
     (words,) = re.findall(

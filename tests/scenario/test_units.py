@@ -40,6 +40,8 @@ def test_written_quantity_becomes_si(text, unit, expected):
             "found '2 delta_degC' (a temperature difference), expected a temperature such as '20 degC'",
         ),
         ("5 deg", "", "found '5 deg' (an angle), expected a plain number"),
+        ("1 W/deg", "W", "expected a power such as '1 W'"),
+        ("1 W", "W/rad", "found '1 W' (a power), expected a quantity in W/rad"),
         ("10 %", "rad", "found '10 %' (a plain number), expected an angle such as '98.2 deg'"),
         (
             "2 degc",

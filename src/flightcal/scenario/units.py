@@ -275,16 +275,21 @@ def quantity_schema(unit: str, lower: float = -math.inf, upper: float = math.inf
 
 
 def _fits(parsed: pint.Unit, unit: str, difference: bool) -> bool:
-    if unit == "rad" or _is_angle(parsed):
-        return unit == "rad" and _is_angle(parsed)
+    if _angles(parsed) != _angles(parse_unit(unit)):
+        return False
     if unit == "K" and not difference and str(parsed).startswith("delta_"):
         return False
     return bool(parsed.is_compatible_with(unit or "dimensionless"))
 
 
 def _is_angle(parsed: pint.Unit) -> bool:
-    # An angle is dimensionless to pint; its root unit tells.
     return str(registry().get_root_units(parsed)[1]) == "radian"
+
+
+def _angles(parsed: pint.Unit) -> float:
+    """The power of an angle in a unit: an angle is dimensionless to pint, and W/deg would be 57 W."""
+    powers: dict[str, Any] = dict(registry().get_root_units(parsed)[1]._units)
+    return float(powers.get("radian", 0.0))
 
 
 def _si_name(parsed: pint.Unit) -> str:

@@ -34,6 +34,8 @@ UNEXPLAINED = "everything"
 _RESTS = 2.0
 """Times as wide as it is, an interval that is wider than that if fixed numbers are off is named."""
 _MEMORY = ".correlation_time"
+_BESIDE_THRESHOLDS = 1.0
+"""K, by which a heater switches beside its thresholds, on and off alike, from which it is worth a word."""
 FAR_OFF = 1e-6
 """The probability below which a model is called wrong."""
 
@@ -163,6 +165,34 @@ def _acts_on(info: ParameterInfo, nodes: Collection[str], simulator: Mapping[str
         item = blocks.get(names[0]) if isinstance(blocks, Mapping) and names else None
         touched |= {str(item.get("node"))} if isinstance(item, Mapping) else set()
     return not touched.isdisjoint(nodes)
+
+
+def thresholds(run: RunFiles) -> list[Finding]:
+    """Heaters that switch at other temperatures than the scenario says, by what their sensors' channels read."""
+    known = next((own["threshold_offset"] for own in run.windows.values() if "threshold_offset" in own), None)
+    if known is None:
+        return []
+    beside = {
+        str(name): float(off.mean())
+        for name, off in zip(known["heater"].values, known.values.T, strict=True)
+        if abs(off.mean()) > _BESIDE_THRESHOLDS and off[0] * off[1] > 0.0
+    }
+    if not beside:
+        return []
+
+    def said(name: str) -> str:
+        off = beside[name]
+        return f"{name} switches {number(abs(off), 2)} K {'above' if off > 0.0 else 'below'} its thresholds, or more"
+
+    worst = max(beside, key=lambda name: abs(beside[name]))
+    title = said(worst) + (f"; {len(beside) - 1} more are beside theirs" if len(beside) > 1 else "")
+    text = (
+        "So its measured switches show, beside what its sensor's channel reads. Its thresholds are others than the "
+        "scenario says, or that channel reads beside its node's temperature by so much; predictions follow the "
+        "channel."
+    )
+    details = tuple(f"{said(name)}." for name in beside)
+    return [Finding("warn", title, text, details, tuple(f"the thresholds of {name}" for name in beside), CHECK)]
 
 
 def _lasting_heat(run: RunFiles, of: str) -> list[Finding]:
