@@ -17,7 +17,7 @@ from rich.padding import Padding
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ..prediction import ANY, GENETIC_RUNS, Metric, Unseen, comparison_table
+from ..prediction import ANY, GENETIC_RUNS, Metric, Unseen, by_place, comparison_table
 from ..progress import Lines, Progress
 from ..scenario import is_trained
 from ..validation import ALL, INTERVALS
@@ -139,11 +139,12 @@ def _print_channels(metrics: Sequence[Metric], console: Console) -> None:
     """RMSE, coverage and width of the interval by channel, of the windows that were not trained on if there are any."""
     rows = [row for row in comparison_table(metrics) if row.metric == "rmse"]
     rows = [row for row in rows if not is_trained(row.window)] or rows
-    of_interval = {(m.window, m.channel, m.metric): m for m in metrics if m.method == "stochastic"}
+    found = by_place(metrics)
     numbers = ("GA best", "stochastic", "to best", "covers", "width")
     table = table_of("RMSE and interval by channel", ("window", "channel"), numbers, overflow="fold")
     for row in rows:
-        covers, width = (_score(of_interval.get((row.window, row.channel, name))) for name in ("picp", "mpiw"))
+        place = ("stochastic", row.window, row.channel)
+        covers, width = (_score(found.get((*place, name))) for name in ("picp", "mpiw"))
         values = (row.genetic_best, row.stochastic, row.ratio_best)
         table.add_row(row.window, row.channel, *map(_number, values), covers, width)
     console.print(table)
@@ -157,14 +158,11 @@ def print_beside(own: Summary, others: Mapping[str, Summary], console: Console |
     columns = [("genetic", own, "genetic"), *((name, runs[name], "stochastic") for name in order if name in runs)]
     title = "Beside other models, over all channels"
     table = table_of(title, ("window", "metric"), [name for name, _, _ in columns])
-    found = [
-        {(m.window, m.metric): m for m in of.metrics if (m.method, m.channel) == (method, "all")}
-        for _, of, method in columns
-    ]
+    found = [(method, by_place(of.metrics)) for _, of, method in columns]
     windows = list(dict.fromkeys(m.window for m in own.metrics if m.method == "stochastic"))
     for window in windows:
         for metric in ("rmse", "crps", "picp", "mpiw"):
-            table.add_row(window, metric, *(_score(of.get((window, metric))) for of in found))
+            table.add_row(window, metric, *(_score(of.get((method, window, "all", metric))) for method, of in found))
     console.print(table)
     for window in windows:
         worst = {name: _least_covered(of.metrics, method, window) for name, of, method in columns}

@@ -8,10 +8,12 @@ from .metrics import (
     GENETIC_RUNS,
     ZERO_CELSIUS,
     Metric,
+    by_place,
     comparison_table,
     crps_of_draws,
     implied_energy,
     score,
+    values_of,
 )
 from .predict import predict
 from .stages import PREDICT, PREDICTION_FILE

@@ -7,7 +7,7 @@ where nothing is left. Temperatures in kelvin.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,6 +142,16 @@ class Metric:
     note: str = ""
 
 
+def by_place(metrics: Iterable[Metric]) -> dict[tuple[str, str, str, str], Metric]:
+    """Scores by method, window, channel and metric."""
+    return {(m.method, m.window, m.channel, m.metric): m for m in metrics}
+
+
+def values_of(metrics: Iterable[Metric]) -> dict[tuple[str, str, str, str], float | None]:
+    """Values by method, window, channel and metric."""
+    return {place: metric.value for place, metric in by_place(metrics).items()}
+
+
 def score(prediction: xr.Dataset, window: str) -> list[Metric]:
     """All metrics of a window: for each method and channel, "all" channels pooled, and each heater.
 
@@ -267,7 +277,7 @@ class Comparison:
 def comparison_table(metrics: Sequence[Metric]) -> list[Comparison]:
     """Genetic against stochastic in every window and channel: RMSE, MAPE, CRPS, in the order of `metrics`."""
     compared = ("rmse", "mape_kelvin", "mape_celsius", "crps")
-    found = {(m.method, m.window, m.channel, m.metric): m for m in metrics if m.metric in compared}
+    found = by_place(m for m in metrics if m.metric in compared)
     places = dict.fromkeys((m.window, m.channel, m.metric) for m in found.values())
     rows = []
     for place in places:

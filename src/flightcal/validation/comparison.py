@@ -11,7 +11,7 @@ import numpy as np
 import xarray
 
 from ..environment import orbital_period
-from ..prediction import Metric
+from ..prediction import Metric, values_of
 from ..problem import Problem
 from ..scenario import (
     NEEDS,
@@ -119,13 +119,9 @@ def comparison_of(
     """
     rows = []
     for model, found in metrics.items():
-        values = {
-            (m.window, m.channel, m.metric): m.value
-            for m in found
-            if m.method == "stochastic" and not is_trained(m.window) and m.metric in COMPARED
-        }
-        for window, channel in dict.fromkeys((window, channel) for window, channel, _ in values):
-            scores = {metric: values.get((window, channel, metric)) for metric in COMPARED}
+        values = values_of(m for m in found if m.metric in COMPARED and not is_trained(m.window))
+        for window, channel in dict.fromkeys(place[1:3] for place in values if place[0] == "stochastic"):
+            scores = {metric: values.get(("stochastic", window, channel, metric)) for metric in COMPARED}
             rows.append({"model": model, "window": window, "channel": channel, **scores})
     means = {
         model: _means([row for row in rows if row["model"] == model and row["channel"] == "all"]) for model in metrics

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from ...prediction import Metric, implied_energy
+from ...prediction import Metric, implied_energy, values_of
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles
@@ -115,13 +115,13 @@ def _simulated(part: xr.Dataset, variable: str) -> tuple[float, float, float]:
 def heater_scores(metrics: Sequence[Metric]) -> Table:
     """Errors and agreement of each heater by method."""
     names = ("duty_cycle_error", "status_agreement", "status_unknown", "switch_count_error")
-    found = {(m.window, m.channel, m.method, m.metric): m.value for m in metrics if m.metric in names}
-    windows = list(dict.fromkeys(window for window, *_ in found))
+    found = values_of(m for m in metrics if m.metric in names)
+    windows = list(dict.fromkeys(window for _, window, *_ in found))
     rows = []
-    for place in sorted(dict.fromkeys(key[:3] for key in found), key=lambda key: (windows.index(key[0]), key[1])):
+    for place in sorted(dict.fromkeys(key[:3] for key in found), key=lambda key: (windows.index(key[1]), key[2])):
         duty, agreement, unknown, switches = (found.get((*place, name)) for name in names)
         more = "+" if switches is not None and switches > 0 else ""
-        window, heater, name = place
+        name, window, heater = place
         rows.append([window, heater, method(name).title, signed_percent(duty), percent(agreement), percent(unknown),
                      f"{more}{number(switches, 3)}"])  # fmt: skip
     header = (

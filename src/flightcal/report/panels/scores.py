@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 
-from ...prediction import GENETIC_RUNS, Metric, comparison_table
+from ...prediction import GENETIC_RUNS, Metric, comparison_table, values_of
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
@@ -94,24 +95,15 @@ def _models(run: RunFiles) -> dict[str, Sequence[Metric]]:
     return {**first, "this run": run.metrics, **rest}
 
 
-def _stochastic(metrics: Sequence[Metric]) -> dict[tuple[str, str, str], float | None]:
-    """By window, channel and metric."""
-    return {(m.window, m.channel, m.metric): m.value for m in metrics if m.method == "stochastic"}
-
-
 def beside(run: RunFiles) -> Table:
     """Scores over all channels: genetic algorithm, and every model; a row for each window and score."""
     names = _ERRORS | {"picp": "PICP", "mpiw": "MPIW, K"}
-    genetic = {
-        (m.window, m.metric): m.value
-        for metrics in (*run.beside.values(), run.metrics)
-        for m in metrics
-        if (m.method, m.channel) == ("genetic", "all")
-    }
-    models = {title: _stochastic(own) for title, own in _models(run).items()}
+    genetic = values_of(chain(*run.beside.values(), run.metrics))
+    models = {title: values_of(own) for title, own in _models(run).items()}
     rows = []
     for window, metric in dict.fromkeys((m.window, m.metric) for m in run.metrics if m.metric in names):
-        values = [genetic.get((window, metric)), *(own.get((window, "all", metric)) for own in models.values())]
+        place = (window, "all", metric)
+        values = [genetic.get(("genetic", *place)), *(own.get(("stochastic", *place)) for own in models.values())]
         shown = [percent(value) if metric == "picp" else number(value) for value in values]
         rows.append([window, names[metric], *shown])
     header = ("window", "score", "genetic algorithm, mean of its runs", *models)
@@ -120,12 +112,12 @@ def beside(run: RunFiles) -> Table:
 
 def beside_by_channel(run: RunFiles) -> Table:
     """RMSE and coverage of every model, a row for each window and channel."""
-    models = {title: _stochastic(own) for title, own in _models(run).items()}
+    models = {title: values_of(own) for title, own in _models(run).items()}
     rows = [
         [
             *place,
-            *(number(own.get((*place, "rmse")), 3) for own in models.values()),
-            *(percent(own.get((*place, "picp"))) for own in models.values()),
+            *(number(own.get(("stochastic", *place, "rmse")), 3) for own in models.values()),
+            *(percent(own.get(("stochastic", *place, "picp"))) for own in models.values()),
         ]
         for place in _places(run.metrics)
     ]
@@ -156,14 +148,14 @@ def comparison(metrics: Sequence[Metric]) -> Table:
 
 def by_channel(metrics: Sequence[Metric]) -> Table:
     """Temperature scores with a row for each window and channel, all channels first: methods beside each other."""
-    found = {(m.window, m.channel, m.method, m.metric): m.value for m in metrics}
+    found = values_of(metrics)
     methods = list(dict.fromkeys(m.method for m in metrics if m.metric == "rmse"))
     ratios = {(row.window, row.channel): row for row in comparison_table(metrics) if row.metric == "rmse"}
     rows = []
     for place in _places(metrics):
 
         def value(method: str, metric: str, place: tuple[str, str] = place) -> float | None:
-            return found.get((*place, method, metric))
+            return found.get((method, *place, metric))
 
         def pair(metric: str, value: Callable[[str, str], float | None] = value) -> str:
             return f"{number(value('genetic', metric), 3)} / {number(value('stochastic', metric), 3)}"
@@ -193,13 +185,13 @@ def _places(metrics: Sequence[Metric]) -> list[tuple[str, str]]:
 def all_scores(metrics: Sequence[Metric]) -> Table:
     """Every temperature score: a row for each window, channel and method."""
     names = ("rmse", "mape_kelvin", "mape_celsius", "crps", "picp", "mpiw")
-    found = {(m.window, m.channel, m.method, m.metric): m.value for m in metrics}
+    found = values_of(metrics)
     methods = list(dict.fromkeys(m.method for m in metrics))
     rows = [
-        [*place, method(own).title, *(number(found.get((*place, own, name))) for name in names)]
+        [*place, method(own).title, *(number(found.get((own, *place, name))) for name in names)]
         for place in _places(metrics)
         for own in methods
-        if (*place, own, "rmse") in found
+        if (own, *place, "rmse") in found
     ]
     header = (
         "window", "channel", "method", "RMSE, K", "MAPE, % of K", "MAPE, % of °C", "CRPS, K", "PICP, share", "MPIW, K",
