@@ -258,6 +258,12 @@ def _attributes(problem: Problem, posterior: Posterior, runs: Sequence[Runs | No
     return {name: json.dumps(value) for name, value in content.items()}
 
 
+def thetas_of(posterior: xarray.DataTree, names: Sequence[str]) -> FloatArray:
+    """All draws [S, d] of a kept posterior, chain after chain."""
+    group = posterior["posterior"].to_dataset()
+    return np.stack([group[name].values.ravel() for name in names], axis=1)
+
+
 def mean_and_some(thetas: FloatArray, count: int, seed: int) -> FloatArray:
     """The mean of posterior draws thetas [S, d] and at most `count` of them: [1 + count, d]."""
     return np.concatenate([thetas.mean(axis=0)[None], some_of(thetas, count, seed)])

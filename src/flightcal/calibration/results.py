@@ -10,8 +10,6 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from ..errors import FlightcalError, RunError
 from ..problem import Problem
 from ..run import Run, Stage, plain, read_json, read_provenance, typed
@@ -28,6 +26,7 @@ from ..scenario import (
 )
 from .considered import FixedNumbers, considered
 from .heat_file import with_kept_heat
+from .posterior import thetas_of
 from .stages import Sampled
 from .table import INTERVAL, Calibrated, calibrated, correlation
 
@@ -39,8 +38,7 @@ _AGREE: Final = 1e-4
 
 def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, files: Sequence[str]) -> None:
     problem = with_kept_heat(problem, sampled.posterior)
-    group = sampled.posterior["posterior"].to_dataset()
-    thetas = np.stack([group[name].values.ravel() for name in problem.names], axis=1)
+    thetas = thetas_of(sampled.posterior, problem.names)
     settings, units = problem.scenario.calibration, parameter_units(text, problem.scenario)
     moved, fixed = considered(problem, thetas, settings.fixed_numbers_within, settings.seed) or (None, None)
     rows = calibrated(problem, thetas, units, moved)

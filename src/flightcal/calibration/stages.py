@@ -18,7 +18,7 @@ from ..simulator import FloatArray, cores
 from .diagnostics import Diagnostics
 from .methods import calibrate_nuts
 from .optimisation import calibrate_genetic, genetic_points
-from .posterior import Posterior, posterior_tree, search_record, some_of
+from .posterior import Posterior, posterior_tree, search_record, some_of, thetas_of
 from .rough import draws_in_turn, seconds_of_a_gradient
 
 _GRADIENTS = 8
@@ -51,9 +51,7 @@ class Sampled:
 
 def posterior_draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed: int) -> FloatArray:
     """At most `count` posterior thetas [S, d], chosen at random without repetition."""
-    group = posterior["posterior"].to_dataset()
-    draws = np.stack([group[name].values.ravel() for name in names], axis=1)
-    return some_of(draws, count, seed)
+    return some_of(thetas_of(posterior, names), count, seed)
 
 
 def warm(problem: Problem) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from ..calibration import thetas_of
 from ..environment import orbital_period
 from ..prediction import Metric, values_of
 from ..problem import Problem
@@ -351,8 +352,7 @@ def _change(means: Mapping[str, Mapping[str, float | None]], model: str, metric:
 def block_loo(problem: Problem, posterior: xarray.DataTree) -> BlockLoo:
     """How well blocks of the training windows are predicted by a posterior that has not seen them."""
     scenario = problem.scenario
-    group = posterior["posterior"].to_dataset()
-    thetas: FloatArray = np.stack([group[name].values.ravel() for name in problem.names], axis=1)
+    thetas = thetas_of(posterior, problem.names)
     rng = np.random.default_rng(scenario.calibration.seed)
     thetas = thetas[rng.choice(len(thetas), min(_DRAWS, len(thetas)), replace=False)]
     period = orbital_period(scenario.environment, scenario.folder)
