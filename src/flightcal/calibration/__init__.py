@@ -17,7 +17,7 @@ from .diagnostics import (
     least_effective,
     with_gate,
 )
-from .heat_file import with_kept_heat
+from .heat_file import heat_content, with_kept_heat
 from .methods import calibrate_nuts
 from .mode import climb, find_mode
 from .nuts import sample_problem

@@ -25,14 +25,22 @@ def heat_dataset(model: HeatModel, names: tuple[str, ...], theta: FloatArray) ->
     return xarray.Dataset({"model": ((), json.dumps(content))})
 
 
+def heat_content(posterior: xarray.DataTree) -> dict[str, Any] | None:
+    """What unmodelled heat is made of, as a posterior keeps it; None without any."""
+    if HEAT_GROUP not in posterior.children:
+        return None
+    content: dict[str, Any] = json.loads(str(posterior[HEAT_GROUP]["model"].item()))
+    return content
+
+
 def with_kept_heat(problem: Problem, posterior: xarray.DataTree) -> Problem:
     """The problem that a posterior is of: where it was calibrated with unmodelled heat, with that.
 
     Raises RunError where an earlier flightcal made it.
     """
-    if HEAT_GROUP not in posterior.children or problem.heat is not None:
+    content = heat_content(posterior)
+    if content is None or problem.heat is not None:
         return problem
-    content = json.loads(str(posterior[HEAT_GROUP]["model"].item()))
     theta = np.array([content["point"][name] for name in problem.names])
     return with_heat(problem, _model(content), theta)
 

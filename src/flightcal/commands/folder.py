@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 import xarray
 
+from ..calibration import heat_content
 from ..problem import SLOW, Problem
 from ..progress import Progress
 from ..run import INPUT_FILES, Run, Stage, hash_of, hash_of_file, open_run, plain
@@ -191,9 +191,9 @@ def heat_shares(posterior: xarray.DataTree) -> dict[str, float]:
 
     Size: root of the sum of squares of the posterior means of its parts; empty: calibrated without heat.
     """
-    if "heat" not in posterior.children:
+    model = heat_content(posterior)
+    if model is None:
         return {}
-    model = json.loads(str(posterior["heat"]["model"].item()))
     sizes = posterior["posterior"].to_dataset()
     shares = {}
     for node, flow in zip(model["nodes"], model["flow"], strict=True):

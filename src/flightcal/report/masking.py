@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from ..calibration import Calibrated
+from ..calibration import Calibrated, heat_content
 from ..prediction import Metric
 from ..scenario import is_trained
 from .run_files import Record, RunFiles
@@ -189,9 +189,8 @@ def _tree(tree: xr.DataTree, rename: Rename, told: Callable[[Any], Any]) -> xr.D
     groups = {name: _dataset(group.to_dataset(), rename, told) for name, group in tree.children.items()}
     for name in _OF_USER & groups.keys():
         groups[name] = groups[name].rename_vars({own: rename(str(own)) for own in groups[name].data_vars})
-    if "heat" in groups:
-        model = told(json.loads(str(groups["heat"]["model"].item())))
-        groups["heat"] = groups["heat"].assign(model=json.dumps(model))
+    if (heat := heat_content(tree)) is not None:
+        groups["heat"] = groups["heat"].assign(model=json.dumps(told(heat)))
     found = xr.DataTree.from_dict(groups)
     status = {rename(name): form for name, form in json.loads(tree.attrs.get("status_likelihood", "{}")).items()}
     found.attrs = _attributes(tree.attrs | {"status_likelihood": json.dumps(status)}, told)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
@@ -21,6 +20,7 @@ from ..calibration import (
     Calibrated,
     FixedNumbers,
     PriorScore,
+    heat_content,
     read_calibrated,
     read_fixed_numbers,
 )
@@ -162,10 +162,7 @@ class RunFiles:
     @cached_property
     def heat(self) -> Record | None:
         """What unmodelled heat is made of, as the calibration kept it; None without any."""
-        if self.posterior is None or "heat" not in self.posterior.children:
-            return None
-        model: Record = json.loads(str(self.posterior["heat"]["model"].item()))
-        return model
+        return None if self.posterior is None else heat_content(self.posterior)
 
     @cached_property
     def checks(self) -> dict[str, list[ResidualCheck]]:
