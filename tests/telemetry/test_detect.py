@@ -125,6 +125,18 @@ def test_typed_times_need_no_format(tmp_path: Path):
     assert (found.clock, found.time.format if found.time else None) == (("a",), "iso8601")
 
 
+def test_values_of_corrupt_frames_are_no_bits_and_no_modes(tmp_path: Path):
+    utc = pd.date_range("2024-03-01", periods=1000, freq="60s")
+    word, mode = np.repeat([5, 7], 500), np.repeat([1, 2], 500)
+    word[[40, 300, 700]], mode[[40, 300, 700]] = 0x8000, 255
+    table = pd.DataFrame({"UTC": utc.astype(str), "HTR_WORD": word, "MODE": mode, "TT_BAT": range(1000)})
+    table.to_csv(tmp_path / "a.csv", index=False)
+    (found,) = detect([tmp_path / "a.csv"])
+    assert [own.bit for own in found.columns if own.kind == "status"] == [1]
+    assert found.modes is not None
+    assert set(found.modes.names) == {"mode 1", "mode 2"}
+
+
 def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
     table = pd.DataFrame({"TT_BAT": [4.0, 3, 7, 5], "SCLK": [515721623, 515721683, 515721743, 515721803]})
     table.to_csv(tmp_path / "data.csv", index=False)

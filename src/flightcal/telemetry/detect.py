@@ -18,7 +18,7 @@ from ..errors import TelemetryError
 from ..scenario import Channel, Readings, TimeColumn, is_temperature, si_unit
 from ._times import is_fill, is_text, time_cells
 from ._values import NULL_WORDS, is_status
-from .modes import FoundModes, both, modes_in
+from .modes import FoundModes, both, lasting, modes_in
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
 from .readings import comes_again, names_of, typed
@@ -359,9 +359,9 @@ def _words(name: str, cells: pa.ChunkedArray) -> tuple[list[int] | None, int | N
     """
     named = _WORD_NAME.search(name)
     if named and pa.types.is_integer(cells.type):
-        return cells.drop_null().unique().to_pylist(), None
-    found = [cell.strip() for cell in cells.drop_null().unique().to_pylist()] if is_text(cells) else []
-    found = [cell for cell in found if cell not in NULL_WORDS]
+        return list(lasting(cells.drop_null().to_pylist())), None
+    read = [cell.strip() for cell in cells.drop_null().to_pylist()] if is_text(cells) else []
+    found = list(lasting([cell for cell in read if cell not in NULL_WORDS]))
     for base, shape in _WORDS.items() if named else ((0, _WORDS[0]),):
         if found and all(shape.fullmatch(cell) for cell in found):
             return [int(cell, base) for cell in found], base if base == 16 else None

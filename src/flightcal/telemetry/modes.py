@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +20,8 @@ _MOST = 12
 """Modes: a column with more different values tells something else."""
 _SHORTEST = 2.0
 """Samples that a mode lasts in the mean: what changes faster is no mode."""
+_SELDOM = 0.01
+"""Share of the samples, below which a value that never lasts for two is of corrupt frames."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +53,21 @@ def modes_in(table: pa.Table, names: list[str], times: Nanoseconds, *, alone: bo
         if not _NAME.search(name) or not (integer or is_text(column) or pa.types.is_dictionary(column.type)):
             continue
         cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]
+        if not alone:
+            whole = lasting([cell for cell in cells if cell])
+            cells = [cell if cell in whole else "" for cell in cells]
         words = [f"mode {cell}" if integer else cell for cell in cells if cell]
         found = _ends(FoundModes(name, times[[cell != "" for cell in cells]], tuple(words), True))
         samples = len(words) >= _SHORTEST * len(found.changes)
         if 1 < len(set(words)) <= _MOST and (alone or samples):
             return replace(found, sampled=samples)
     return None
+
+
+def lasting(cells: Sequence[Any]) -> set[Any]:
+    """Values but those of corrupt frames, which are few and last for one sample each."""
+    together = {one for one, other in pairwise(cells) if one == other}
+    return {cell for cell, count in Counter(cells).items() if cell in together or count >= _SELDOM * len(cells)}
 
 
 def _ends(rows: FoundModes) -> FoundModes:
