@@ -92,16 +92,20 @@ def ranked(
     simple model asks for; and nothing is far off."""
     near = [(fit, own, own.nats or 0.0) for fit, own in best if fit.farthest < far]
     enough = max(_MUCH, _MOST * nothing.lacking)
-    explains = []
-    for fit, own, nats in near:
-        explained = fit.lacking < left * nothing.lacking or (own.kind in _NOT_IMITATED and nats > enough)
-        if fit.is_usual or (explained and fit.misfit < bad):
-            explains.append(own)
+
+    def explains(fit: Fit, own: Suspicion, nats: float) -> bool:
+        much = fit.lacking < left * nothing.lacking or (own.kind in _NOT_IMITATED and nats > enough)
+        return fit.is_usual or (much and fit.misfit < bad)
+
+    least = min((nats for fit, own, nats in near if explains(fit, own, nats)), default=np.inf)
     # What explains still more, odds counted, is no less likely for leaving more.
-    least = min((own.nats or 0.0 for own in explains), default=np.inf)
-    named = [own for _, own, nats in near if own in explains or (own.kind in _NOT_IMITATED and nats >= least)]
-    most = max((own.nats or 0.0 for own in named), default=0.0)
-    return [own for own in named[:_SHOWN] if most - (own.nats or 0.0) < max(CLEAR, _NEAR * most)]
+    named = [
+        (own, nats)
+        for fit, own, nats in near
+        if explains(fit, own, nats) or (own.kind in _NOT_IMITATED and nats >= least)
+    ]
+    most = max((nats for _, nats in named), default=0.0)
+    return [own for own, nats in named[:_SHOWN] if most - nats < max(CLEAR, _NEAR * most)]
 
 
 def unexplained(

@@ -194,12 +194,12 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[s
             found.append(wrong)
     by_gain = sorted(likely, key=lambda item: -item[0])
     largest = [wrong for gain, wrong in by_gain[:_LARGEST] if gain > _PROMISING]
-    largest += [wrong for gain, wrong in likely if gain > _PROMISING and wrong.kind == "clock"][:1]
+    clocks = [wrong for gain, wrong in likely if gain > _PROMISING and wrong.kind == "clock"]
     explaining: dict[str, Wrong] = {}
     for _, wrong in likely:
         if wrong.kind in OF_THERMOSTATS and wrong.about in odd:
             explaining.setdefault(wrong.kind, wrong)
-    for wrong in (*largest, *explaining.values()):
+    for wrong in (*largest, *clocks[:1], *explaining.values()):
         if not any(wrong is other for other in found):
             found.append(wrong)
     return found

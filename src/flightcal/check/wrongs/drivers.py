@@ -99,11 +99,11 @@ def _driver_times(
         window = _with_driver(view, column, factor)
         others = np.union1d(factor * 2.0 ** np.linspace(-0.4, 0.4, 7), FACTORS)
         near = partial(_driver_times, view, load, column, others[others != factor], tries)
+        words, ways = _of_driver(driver, load, factor), 1
         if factor in FACTORS:
             words = _of_unit(driver, load, factor, f"is {number(1.0 / factor, 4)} times what it should be")
-            yield Wrong("driver", driver, words, window=window, tries=_OF_UNIT * tries, closer=near)
-        else:
-            yield Wrong("driver", driver, _of_driver(driver, load, factor), window=window, tries=tries, closer=near)
+            ways = _OF_UNIT
+        yield Wrong("driver", driver, words, window=window, tries=ways * tries, closer=near)
 
 
 def _of_unit(driver: str, load: str, factor: float, how: str) -> Words:

@@ -37,9 +37,8 @@ _TILTED_WAYS = 500.0
 
 def faces(view: View) -> Iterator[Wrong]:
     """A face looks another way, or all do, for the body's axes are others."""
-    scenario = view.window.scenario
-    turnable = {name: face.normal for name, face in scenario.network.faces.items() if face.normal != "all"}
-    if scenario.environment.orbit is None or not turnable:
+    scenario, turnable = view.window.scenario, _turnable(view)
+    if not turnable:
         return
     times = view.network.drive.times
     seconds = np.union1d(view.sunlight.times(scenario, 0.0, times[-1]), times)
@@ -58,6 +57,13 @@ def faces(view: View) -> Iterator[Wrong]:
     if len(turnable) > 1:
         yield from _axes(view)
     yield from _exchanged(view, turnable)
+
+
+def _turnable(view: View) -> dict[str, FaceNormal]:
+    """Which way faces look that look some way, where there is an orbit."""
+    scenario = view.window.scenario
+    known = scenario.network.faces if scenario.environment.orbit is not None else {}
+    return {name: face.normal for name, face in known.items() if face.normal != "all"}
 
 
 def _plates(
@@ -194,10 +200,15 @@ def _named(axis: FloatArray) -> str:
 
 def _lit(view: View, names: Mapping[str, FaceNormal], way: FaceNormal, seconds: FloatArray) -> Mapping[str, FloatArray]:
     """What shines on faces that all look one way, by column."""
+    return view.sunlight.on_faces(_with_normals(view, dict.fromkeys(names, way)), seconds)
+
+
+def _with_normals(view: View, normals: Mapping[str, FaceNormal]) -> Scenario:
+    """The scenario of a view with some faces that look another way."""
     model = view.window.scenario.network
-    looking = {name: model.faces[name].model_copy(update={"normal": way}) for name in names}
+    looking = {name: model.faces[name].model_copy(update={"normal": normal}) for name, normal in normals.items()}
     changed = model.model_copy(update={"faces": {**model.faces, **looking}})
-    return view.sunlight.on_faces(view.window.scenario.model_copy(update={"simulator": changed}), seconds)
+    return view.window.scenario.model_copy(update={"simulator": changed})
 
 
 def _turned(view: View, seconds: FloatArray, lit: Mapping[str, Mapping[str, FloatArray]]) -> Window:
@@ -212,10 +223,7 @@ def _turned(view: View, seconds: FloatArray, lit: Mapping[str, Mapping[str, Floa
 
 def tilts(view: View) -> Iterator[Wrong]:
     """The body is turned by a constant angle against its attitude."""
-    scenario = view.window.scenario
-    if scenario.environment.orbit is None or all(face.normal == "all" for face in scenario.network.faces.values()):
-        return
-    for axis, angle in product(np.eye(3), _TILTS):
+    for axis, angle in product(np.eye(3), _TILTS if _turnable(view) else ()):
         yield from _tilt(view, angle * axis, 20.0)
 
 
@@ -256,11 +264,8 @@ def _otherwise_spun(view: View, turn: FloatArray) -> str:
 
 def _looking(view: View, turn: FloatArray) -> Scenario:
     """The scenario of a view with all faces turned, or mirrored; turn: [3, 3], orthogonal."""
-    model = view.window.scenario.network
-    looking = {
-        name: face.model_copy(update={"normal": _rotated(face.normal, turn)}) for name, face in model.faces.items()
-    }
-    return view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
+    faces = view.window.scenario.network.faces
+    return _with_normals(view, {name: _rotated(face.normal, turn) for name, face in faces.items()})
 
 
 def _rotated(normal: FaceNormal, turn: FloatArray) -> FaceNormal:
@@ -274,16 +279,15 @@ def _rotated(normal: FaceNormal, turn: FloatArray) -> FaceNormal:
 
 def tumbling(view: View) -> Iterator[Wrong]:
     """The body tumbles, and its faces see all directions alike."""
-    model = view.window.scenario.network
-    if view.window.scenario.environment.orbit is None or all(face.normal == "all" for face in model.faces.values()):
+    turnable = _turnable(view)
+    if not turnable:
         return
-    looking = {name: face.model_copy(update={"normal": "all"}) for name, face in model.faces.items()}
-    scenario = view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
     words = Words(
         "The body tumbles",
         "With faces that see all directions alike, sunlight and Earth's heat explain the telemetry.",
         "Write 'normal: all' for its faces, or how it spins in 'environment: attitude'",
     )
+    scenario = _with_normals(view, dict.fromkeys(turnable, "all"))
     yield from driven_otherwise("attitude", "tumbling", words, view, tries=2, scenario=scenario)
 
 

@@ -101,9 +101,9 @@ def holding(run: RunFiles) -> Finding:
     state: State = "bad" if 2 * (len(failed) + len(doubtful)) >= len(channels) else "warn"
     not_for = tuple(map(temperatures_of, [*failed, *doubtful]))
     there = windows[at]["channel"].values[judged[at].room < 0.0].tolist()
-    then = _beside_throughout(at, windows[at], sorted(there, key=lambda own: own != first))
-    if unseen_share(windows[at]) > _OUTSIDE:
-        then = CHECK if state == "bad" else _then(at, windows[at], CHECK)
+    then = _then(at, windows[at], _beside_throughout(at, windows[at], sorted(there, key=lambda own: own != first)))
+    if state == "bad" and unseen_share(windows[at]) > _OUTSIDE:
+        then = CHECK
     return Finding(state, title, text, tuple(details), not_for, then)
 
 
