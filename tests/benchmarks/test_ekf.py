@@ -16,6 +16,9 @@ from benchmarks.peers import ekf
 
 from benchmarks import forecasts, problem
 
+pytestmark = pytest.mark.slow
+"""The filter is compiled for a quarter of a minute."""
+
 _TIMES = np.array([0.0, 60.0, 90.0, 240.0, 300.0, 700.0, 760.0])
 _TAU, _PROCESS, _NOISE = 400.0, 0.03, 0.4  # s, K/s^0.5, K
 _SENSOR = np.array([0])

@@ -14,7 +14,7 @@ from flightcal.errors import RunError
 from tests.campaign.simulators import CHANNELS, HEATERS, TIMES, Deadly, Sleeper, Various, executions, label
 
 
-@pytest.fixture(scope="module", params=["here", "cluster"])
+@pytest.fixture(scope="module", params=["here", pytest.param("cluster", marks=pytest.mark.slow)])
 def runner(request):
     if request.param == "here":
         yield Here(2)

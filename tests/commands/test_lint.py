@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from typer.testing import CliRunner
 
 from flightcal.cli import app
@@ -24,3 +25,19 @@ def test_of_many_gaps_of_a_driver_the_longest_are_told_and_the_others_counted(tm
     told = [line.split(";")[0] for line in result.output.splitlines() if line.startswith("telemetry sun: bridged")]
     assert told == [f"telemetry sun: bridged, {length} samples" for length in (8, 7, 6)]
     assert "telemetry sun: 2 more gaps, shorter than these, are bridged" in result.output
+
+
+@pytest.mark.parametrize(("irregular", "advised"), [(False, True), (True, False)])
+def test_a_driver_that_is_sampled_and_not_sent_when_it_changes_is_not_to_be_held(
+    tmp_path: Path, irregular: bool, advised: bool
+):
+    written = small.content()
+    written["telemetry"]["channels"]["sun"]["fill"] = "hold"
+    current = small.sunlight(60.0 * np.arange(421))
+    if irregular:
+        current[np.random.default_rng(1).random(421) < 0.5] = np.nan
+        current[0] = 0.0
+    small.load(tmp_path, written, columns={"sun": current})
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    assert ("advice: telemetry.channels.sun: its samples come every 60 s" in result.output) is advised

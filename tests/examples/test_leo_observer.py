@@ -17,6 +17,7 @@ from flightcal.telemetry import read, window_bounds
 FOLDER = Path(__file__).parents[2] / "examples" / "leo_observer"
 
 
+@pytest.mark.slow
 def test_the_script_makes_the_bundled_telemetry_byte_for_byte(tmp_path):
     made = tmp_path / "telemetry.csv"
     subprocess.run([sys.executable, FOLDER / "make_telemetry.py", made], check=True)

@@ -146,6 +146,14 @@ def test_time_tags_farther_off_than_their_prior_allows_put_all_intervals_of_para
     assert "write how far they may be off, such as 'time_error: 30 s'" in finding.text
 
 
+def test_beside_time_tags_that_are_off_drivers_are_named_that_are_held_from_sample_to_sample(run):
+    infos = [dataclasses.replace(p, kind="time") if p.name == "battery_link" else p for p in run.parameters]
+    off = dataclasses.replace(scored(run, battery_link=4.2), parameters=infos)
+    held = dataclasses.replace(off, scenario="telemetry: {channels: {power: {fill: hold}, sun: {column: I}}}")
+    assert "'fill: hold'" not in about(off, "battery_link lies 4.2").text
+    assert "'fill: hold' (power) are late by up to a sample" in about(held, "battery_link lies 4.2").text
+
+
 @pytest.mark.parametrize(("seconds", "state"), [(9.0, "warn"), (11.0, "bad")])
 def test_a_time_error_far_shorter_than_lies_between_samples_is_no_problem(run, seconds, state):
     infos = [dataclasses.replace(p, kind="time") if p.name == "battery_link" else p for p in run.parameters]

@@ -92,6 +92,7 @@ def test_a_page_names_no_place_and_no_user_of_the_machine(real):
     assert not re.findall(r"[\s\[(\"'](?:/[\w.-]+){2,}", re.sub(r"</\w+>", "", said))
 
 
+@pytest.mark.slow
 def test_a_real_run_with_correlated_noise_and_a_discrepancy_lacks_nothing_either(tmp_path):
     scenario = write(tmp_path, genetic={"generations": 3}, nuts={"draws": 50, "warmup": 50})
     text = scenario.read_text(encoding="utf-8")

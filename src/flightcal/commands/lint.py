@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _MOST_GAPS = 3
 """Gaps of a driver that are told, the longest."""
+_SHORT = 10.0
+"""s, by which temperatures do not tell that a driver is late."""
 
 
 def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
@@ -82,7 +84,7 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
     import numpy as np
 
     from ..scenario import noise_of
-    from ..telemetry import ENOUGH, LONG, MANY, dense_channels, quantisation_step
+    from ..telemetry import ENOUGH, LONG, MANY, dense_channels, quantisation_step, sampled_every
 
     dense, length = dense_channels(data), ENOUGH
     if not dense and rows > MANY:
@@ -96,6 +98,12 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
         )
     times, half = data["time"].values, np.timedelta64(round(5e8 * data.attrs.get("average_s", 0.0)), "ns")
     for channel, own in scenario.telemetry.channels.items():
+        every = sampled_every(data, channel) if own.kind == "driver" and own.fill == "hold" else None
+        if every is not None and every > _SHORT:
+            yield (
+                f"telemetry.channels.{channel}: its samples come every {every:.3g} s, so with 'fill: hold' a change is "
+                f"up to {every:.3g} s late; leave 'fill' out, unless a sample is sent at the moment of each change"
+            )
         for span in own.leave_out:
             start, end = np.datetime64(span.start) - half, np.datetime64(span.end) + half
             if not ((times >= start) & (times <= end)).any():

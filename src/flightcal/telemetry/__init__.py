@@ -13,6 +13,7 @@ from .drivers import (
     driver_gaps,
     driver_jumps,
     driver_series,
+    sampled_every,
     status_changes,
     status_fraction,
     status_or_unknown,

@@ -20,6 +20,8 @@ _EDGE = 1e-3
 another orbit."""
 _JUMP = 0.5
 """Of a driver's standard deviation: what it changes by from one sample to the next, and not on its way, is a jump."""
+_FEW, _REGULAR, _MOSTLY = 20, 0.05, 0.9
+"""Of intervals between samples: fewer tell nothing; relative difference of what is regular; share that must be."""
 LONGEST_INTERPOLATED = 1800.0
 """Longest gap (s) that `fill: interpolate` bridges where no orbital period is known."""
 LONGEST_INTERPOLATED_SHARE = 0.1
@@ -158,6 +160,14 @@ def driver_jumps(
 def is_told(fill: Fill) -> bool:
     """Whether the scenario says what a driver is between its samples, however far apart they are."""
     return fill == "hold" or isinstance(fill, float)
+
+
+def sampled_every(dataset: xr.Dataset, channel: str) -> float | None:
+    """Seconds between the samples of a driver that come at regular times, changed or not; None: they do not."""
+    seconds, _, interval = valid_samples(dataset, channel)
+    apart = np.diff(seconds)
+    regular = len(apart) >= _FEW and np.mean(np.abs(apart - interval) <= _REGULAR * interval) > _MOSTLY
+    return interval if regular else None
 
 
 def _nearest(seconds: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -62,6 +62,7 @@ def test_a_timeline_of_attitudes_that_is_late_is_named_with_the_minutes(tmp_path
     assert first.title.endswith("late")
 
 
+@pytest.mark.slow
 def test_attitudes_that_are_exchanged_are_named(tmp_path):
     written = boxed()
     written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
@@ -120,6 +121,7 @@ def test_a_spin_with_another_phase_is_named_with_the_phase_to_write(tmp_path):
     assert abs(int(phase) - 70) <= 5
 
 
+@pytest.mark.slow
 def test_slews_that_take_longer_than_written_are_named(tmp_path):
     written = boxed()
     written["environment"]["attitude"] = attitude = pointed((0.5, 0.1, 0.7, 0.5)) | {"slew": "15 min"}

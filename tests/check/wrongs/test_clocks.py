@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from flightcal.check.prepared import prepared
-from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
+from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks, temperature_clocks
 from flightcal.environment.orbit import propagator
 from flightcal.scenario import CircularOrbit
 from tests import small
@@ -93,6 +93,23 @@ def test_a_clock_that_goes_too_fast_is_named(tmp_path):
     assert "too fast" in found["rate"].title
 
 
+def test_without_an_orbit_all_temperatures_together_are_tried_beside_several_drivers_and_by_hours(tmp_path):
+    written = small.content()
+    written["environment"]["period"] = "63 h"
+    alone = prepared(*small.closed_loop(tmp_path, written))
+    written["telemetry"]["channels"]["other"] = written["telemetry"]["channels"]["sun"] | {"column": "other"}
+    written["simulator"]["loads"]["other"] = {"node": "body", "driver": "other", "coefficient": "1 W/A"}
+    other = np.random.default_rng(1).uniform(0.0, 5.0, 421)
+    scenario, data = small.load(tmp_path, written, columns={"other": other})
+    view = prepared(scenario, small.telemetry_of(scenario, data))
+    assert not list(temperature_clocks(alone))
+    tried = {own.words.title: own for own in temperature_clocks(view)}
+    assert "body_temp and panel_temp are 60.0 min late" in tried
+    # The telemetry begins with the window: of its three hours less than 70% would be left.
+    assert "body_temp and panel_temp are 60.0 min early" not in tried
+    assert np.isfinite([own.odds for own in tried.values()]).all()
+
+
 def in_packets(scenario, packets):
     """The scenario with channels in packets."""
     channels = {
@@ -112,6 +129,7 @@ def test_a_packet_of_another_time_zone_is_named(tmp_path):
     assert float(first.title.split()[3]) == pytest.approx(60.0, abs=5.0)
 
 
+@pytest.mark.slow
 def test_a_packet_of_another_day_is_named(tmp_path):
     scenario, data = small.load(tmp_path, of_three(), hours=29.0)
     data = small.telemetry_of(scenario, data)
@@ -164,6 +182,7 @@ def test_no_channel_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     assert not list(channel_clocks(view, [300.0], [["panel_temp"]]))
 
 
+@pytest.mark.slow
 def test_channels_of_one_unit_that_are_late_together_are_named_together(tmp_path):
     """Nothing says that they come in one packet."""
     written = sunlit()

@@ -67,6 +67,7 @@ def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, 
     assert said in first.sentence
 
 
+@pytest.mark.slow
 def test_axes_of_the_other_hand_are_named(tmp_path):
     written = boxed()
     faces = written["simulator"]["faces"]
@@ -96,6 +97,7 @@ def winged():
     return model, faces
 
 
+@pytest.mark.slow
 def test_two_wings_whose_sides_are_exchanged_are_named_together(tmp_path):
     model, faces = winged()
     scenario, _ = small.load(tmp_path, model)
@@ -112,6 +114,7 @@ def test_two_wings_whose_sides_are_exchanged_are_named_together(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_two_wings_that_a_drive_turns_are_named_together(tmp_path):
     model, faces = winged()
     scenario, _ = small.load(tmp_path, model)
@@ -123,6 +126,7 @@ def test_two_wings_that_a_drive_turns_are_named_together(tmp_path):
     assert "With the normal {tracks_sun_about: [0, 1, 0]} of left_cells and right_cells" in first.sentence
 
 
+@pytest.mark.slow
 def test_a_face_at_another_node_is_named(tmp_path):
     written = boxed()
     scenario, _ = small.load(tmp_path, written)

@@ -13,6 +13,7 @@ from tests import small
 from ..cases import named, silent
 
 
+@pytest.mark.slow
 def test_a_mode_of_another_power_is_named_too_in_a_node_whose_heater_has_no_status(tmp_path):
     written = small.content()
     written["simulator"]["modes"] = {"quiet": {"body": "2 W"}, "loud": {"body": "40 W"}}

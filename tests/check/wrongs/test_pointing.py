@@ -39,6 +39,7 @@ def test_a_safe_mode_that_the_scenario_does_not_know_of_is_named_with_its_times(
     assert abs((end - datetime(2024, 3, 1, 2, 40)).total_seconds()) < 200.0
 
 
+@pytest.mark.slow
 def test_two_slews_that_the_scenario_does_not_know_of_are_named_together(tmp_path):
     written = boxed()
     written["environment"]["attitude"] = attitude = pointed((0.5, 0.1, 0.7, 0.5))

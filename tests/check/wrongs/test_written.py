@@ -51,7 +51,9 @@ def test_coatings_that_are_exchanged_on_every_face_are_named(tmp_path):
     assert (first.kind, first.about) == ("number", "every coating")
 
 
-@pytest.mark.parametrize("left_out", [{"earth_infrared": 0}, {"earth_infrared": 0, "albedo": 0}])
+@pytest.mark.parametrize(
+    "left_out", [{"earth_infrared": 0}, pytest.param({"earth_infrared": 0, "albedo": 0}, marks=pytest.mark.slow)]
+)
 def test_heat_from_the_earth_that_is_left_out_is_named(tmp_path, left_out):
     written = sunlit()
     written["simulator"]["faces"]["outside"] |= {"normal": [0, 0, 1], "area": "0.3 m^2"}
@@ -72,7 +74,7 @@ def test_a_number_of_the_sun_is_not_mended_by_one_that_cannot_be(tmp_path):
     assert "faces.outside.area" in tried
 
 
-@pytest.mark.parametrize("uncertain", [False, True])
+@pytest.mark.parametrize("uncertain", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_two_capacities_that_are_exchanged_are_named(tmp_path, uncertain):
     written = small.content()
     if uncertain:
@@ -113,6 +115,7 @@ def test_a_number_of_the_sun_that_cannot_be_is_named(tmp_path):
     assert named(scenario, data)[0].about == "environment.solar_constant"
 
 
+@pytest.mark.slow
 def test_a_number_that_parts_have_in_common_is_wrong_on_all_of_them(tmp_path):
     """The emissivity of a coating on two faces of two nodes, written as a third of what it is."""
     written = sunlit()

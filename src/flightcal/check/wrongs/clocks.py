@@ -41,6 +41,8 @@ _NEAR = 0.48
 """Hours from the middle between two whole ones: about a minute from one of them."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
+_FAR_SHIFTS = tuple(shift for m in (60, 90, 120, 180, 240) for shift in (-60.0 * m, 60.0 * m))
+"""... and beyond, where orbits are long enough for it."""
 _LEFT = 0.7
 """Share of its samples that moved telemetry has left at least."""
 _HOURS = (-86400.0, -7200.0, -3600.0, 3600.0, 7200.0, 86400.0)
@@ -113,15 +115,21 @@ def _about_rate(view: View, share: float) -> Iterator[Wrong]:
         yield from rates(view, share * np.array([0.6, 0.8, 1.0, 1.25, 1.6]), float(late))
 
 
+def _few_shifts(view: Comparison) -> Sequence[float]:
+    """Up to half an orbit: beyond, an orbit less is as good."""
+    return (*_FEW_SHIFTS, *(own for own in _FAR_SHIFTS if abs(own) <= 0.5 * view.window.period))
+
+
 def status_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, apart: float = SHIFT
+    view: View, seconds: Sequence[float] | FloatArray | None = None, apart: float = SHIFT
 ) -> Iterator[Wrong]:
     """The heaters' status is late or early beside the temperatures, by more than what lies between two samples."""
+    few = _few_shifts(view)
     channels = status_channels(view)
     if not channels:
         return
     least = view.apart(channels.values())
-    for late in map(float, seconds):
+    for late in map(float, few if seconds is None else seconds):
         if abs(late) < least:
             continue
         data = view.telemetry.assign({name: ("time", _shifted(view, name, late)) for name in channels.values()})
@@ -132,9 +140,7 @@ def status_clocks(
             f"Check the time tags of {listed(list(channels.values()))}",
         )
         near = partial(status_clocks, view, closer(late, apart), _NARROWER * apart)
-        yield from driven_otherwise(
-            "status clock", "status", words, view, tries=len(_FEW_SHIFTS), closer=near, telemetry=data
-        )
+        yield from driven_otherwise("status clock", "status", words, view, tries=len(few), closer=near, telemetry=data)
 
 
 def _shifted(view: View, channel: str, late: float) -> FloatArray:
@@ -151,15 +157,15 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 def channel_clocks(
     view: Comparison,
-    seconds: Sequence[float] | FloatArray = _FEW_SHIFTS,
+    seconds: Sequence[float] | FloatArray | None = None,
     groups: Sequence[Sequence[str]] | None = None,
     apart: float = SHIFT,
 ) -> Iterator[Wrong]:
     """Time tags of a channel, or of a group of them, are late or early, by more than lies between two samples."""
     known = view.channels if len(view.channels) > 1 else ()
     in_order = (sorted(own, key=view.channels.index) for own in groups or [[name] for name in known])
-    tried = {tuple(own): view.apart(own) for own in in_order}
-    for late in map(float, seconds):
+    tried, few = {tuple(own): view.apart(own) for own in in_order}, _few_shifts(view)
+    for late in map(float, few if seconds is None else seconds):
         moved = view.readings(late)
         for own, least in tried.items():
             places = [view.channels.index(name) for name in own]
@@ -173,7 +179,7 @@ def channel_clocks(
                 f"Check the time tags of {listed(own)}{write}",
             )
             near = partial(_channels_like, view, own, late, apart)
-            tries = len(_FEW_SHIFTS) * comb(len(known), len(own))
+            tries = len(few) * max(1, comb(len(known), len(own)))
             smoothed = view.smoothed(late, own)
             yield Wrong("channel clock", " ".join(own), words, observed, tries=tries, smoothed=smoothed, closer=near)
 
@@ -195,6 +201,11 @@ def _moved(view: Comparison, moved: FloatArray, own: Sequence[int]) -> FloatArra
     return None if len(own) and left[own].min() < _LEFT * left.max() else observed
 
 
+def _enough(view: Comparison, observed: FloatArray | None) -> bool:
+    """Whether of all telemetry together enough is left to be compared, where all of it is moved."""
+    return observed is None or bool(np.isfinite(observed).sum() >= _LEFT * np.isfinite(view.observed).sum())
+
+
 def clocks_as_read(
     view: Comparison, seconds: Sequence[float] | FloatArray = SHIFTS, apart: float = SHIFT
 ) -> Iterator[Wrong]:
@@ -207,7 +218,7 @@ def clocks_as_read(
         if not least <= abs(late) <= 0.5 * period + SHIFT:
             continue
         observed = _moved(view, view.readings(late), range(len(view.channels)))
-        if observed is None or np.isfinite(observed).sum() < _LEFT * np.isfinite(view.observed).sum():
+        if observed is None or not _enough(view, observed):
             continue
         hour = _an_hour(late, period)
         words = Words(
@@ -224,7 +235,7 @@ def clocks_as_read(
 
 def packet_clocks(
     view: View,
-    seconds: Sequence[float] | FloatArray = (*_FEW_SHIFTS, *_HOURS),
+    seconds: Sequence[float] | FloatArray | None = None,
     only: str | None = None,
     apart: float = SHIFT,
 ) -> Iterator[Wrong]:
@@ -241,7 +252,9 @@ def packet_clocks(
         for packet, own in packets.items()
         if packet and only in (None, packet) and 1 < len(own) < len(used) and set(own) != statuses
     }
-    for (packet, own), late in product(tried.items(), map(float, seconds)):
+    few = _few_shifts(view)
+    tried_shifts = [*few, *(own for own in _HOURS if own not in few)] if seconds is None else seconds
+    for (packet, own), late in product(tried.items(), map(float, tried_shifts)):
         temperatures = [name for name in view.channels if name in own]
         observed = _moved(view, view.readings(late), [view.channels.index(name) for name in temperatures])
         if observed is None or abs(late) < view.apart(own):
@@ -256,18 +269,18 @@ def packet_clocks(
             f"Check the time column of packet {packet}: its zone, its epoch, its leap seconds",
         )
         near = partial(packet_clocks, view, closer(late, apart), packet, _NARROWER * apart)
-        tries = len(_FEW_SHIFTS) * len(packets)
+        tries = len(few) * len(packets)
         smoothed = view.smoothed(late, temperatures)
         about = " ".join(own)
         yield Wrong("channel clock", about, words, observed, window, tries=tries, smoothed=smoothed, closer=near)
 
 
 def driver_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None, apart: float = SHIFT
+    view: View, seconds: Sequence[float] | FloatArray | None = None, only: str | None = None, apart: float = SHIFT
 ) -> Iterator[Wrong]:
     """Time tags of a driver are late or early, by more than what lies between two of its samples."""
-    drivers = _drivers(view)
-    for driver, late in product(sorted(drivers), map(float, seconds)):
+    drivers, few = _drivers(view), _few_shifts(view)
+    for driver, late in product(sorted(drivers), map(float, few if seconds is None else seconds)):
         if only not in (None, driver) or abs(late) < view.apart([driver]):
             continue
         try:
@@ -280,8 +293,14 @@ def driver_clocks(
             f"Check the time tags of {driver}",
         )
         near = partial(driver_clocks, view, closer(late, apart), driver, _NARROWER * apart)
-        tries = len(_FEW_SHIFTS) * len(drivers)
+        tries = len(few) * len(drivers)
         yield Wrong("driver clock", driver, words, window=window, tries=tries, closer=near)
+
+
+def temperature_clocks(view: View) -> Iterator[Wrong]:
+    """Time tags of all temperatures are late or early beside the drivers, where there is no orbit to compare with."""
+    if view.window.scenario.environment.orbit is None and len(_drivers(view)) > 1:
+        yield from (own for own in channel_clocks(view, groups=[view.channels]) if _enough(view, own.observed))
 
 
 def _drivers(view: View) -> set[str]:
@@ -307,5 +326,5 @@ def _with_late(view: View, channels: Collection[str], late: float) -> Window:
     return replace(window, simulator=replace(simulator, drive=replace(simulator.drive, inputs=inputs)))
 
 
-WRONGS = (clocks, zones, rates, status_clocks, channel_clocks, packet_clocks, driver_clocks)
+WRONGS = (clocks, zones, rates, status_clocks, channel_clocks, temperature_clocks, packet_clocks, driver_clocks)
 """What looks for them."""

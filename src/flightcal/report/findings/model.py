@@ -289,6 +289,10 @@ def prior_conflict(run: RunFiles) -> Finding:
                 " The time error is held back by its prior, so parameters make up for the rest of it. Correct the time "
                 "tags, or write how far they may be off, such as 'time_error: 30 s'."
             )
+            if held := _held_drivers(run):
+                text += (
+                    f" Drivers with 'fill: hold' ({listed(held)}) are late by up to a sample, unless sent at changes."
+                )
             not_for = ("intervals of parameters", *not_for)
             if _between_samples(run, named):
                 state = "warn"
@@ -310,6 +314,12 @@ def prior_conflict(run: RunFiles) -> Finding:
         f"{len(out_by)} priors that is to be expected."
     )
     return Finding("good", "Posteriors lie where their priors expect them", text)
+
+
+def _held_drivers(run: RunFiles) -> list[str]:
+    """The drivers whose values stay until the next sample."""
+    channels = (run.written.get("telemetry") or {}).get("channels") or {}
+    return [name for name, own in channels.items() if isinstance(own, Mapping) and own.get("fill") == "hold"]
 
 
 def _between_samples(run: RunFiles, named: list[str]) -> bool:
