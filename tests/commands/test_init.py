@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +137,16 @@ def test_windows_have_no_long_gap_in_any_file(tmp_path: Path):
     end = scenario.windows["test"].end
     assert end is not None
     assert end.isoformat() == "2024-03-01T06:19:00"
+
+
+def test_windows_have_enough_samples_where_these_are_far_apart(tmp_path: Path):
+    table = frame(900)
+    table["time"] = text(seconds(*(600.0 * np.arange(900))))
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    assert result.exit_code == 0, result.output
+    windows = load_scenario(tmp_path / "sat" / "scenario.yaml").windows
+    assert windows["test"].end - windows["train"].start == timedelta(seconds=600 * 600)
 
 
 def test_where_samples_come_in_passes_windows_hold_many_of_them(tmp_path: Path):

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _LONGEST, _ORBITS = np.timedelta64(10, "h"), 6
 """Of telemetry that the windows take at first, or so many orbits: the first run is short."""
+_ENOUGH = 600
+"""Samples that they take at least, where samples are far apart."""
 _LONGEST_OF_PASSES = np.timedelta64(4, "D")
 """The same where samples come in passes alone."""
 _SHORT = np.timedelta64(90, "m")
@@ -32,6 +34,7 @@ _SHORTEST_WORD = 3
 _EXACT = 0.1
 """K by which what a sensor reads at its heater's switches differs anyway."""
 _ICE_POINT = 273.15
+_SECOND = np.timedelta64(1, "s")
 _PERIODS = (85 * 60.0, 25 * 3600.0)
 """s, of the lowest orbit and of a geostationary one."""
 _LOOKED_AT, _SAMPLES, _FEWEST, _TURNS = 10 * 86400.0, 4000, 50, 2.5
@@ -115,8 +118,10 @@ def windows(dataset: xarray.Dataset, packets: Mapping[str, str], period: float |
     period: of an orbit, s. Raises TelemetryError where the packets have no time in common.
     """
     times = dataset["time"].values
-    longest = max(_LONGEST, np.timedelta64(round(_ORBITS * (period or 0.0)), "s"))
-    stretches = {name: _stretches(times[np.isfinite(dataset[name].values)]) for name in packets}
+    valid = {name: times[np.isfinite(dataset[name].values)] for name in packets}
+    apart = min((float(np.median(np.diff(own)) / _SECOND) for own in valid.values() if len(own) > 1), default=0.0)
+    longest = max(_LONGEST, np.timedelta64(round(max(_ORBITS * (period or 0.0), _ENOUGH * apart)), "s"))
+    stretches = {name: _stretches(own) for name, own in valid.items()}
     common: list[_Stretch] | None = None
     for own in stretches.values():
         common = own if common is None else _overlaps(common, own)
