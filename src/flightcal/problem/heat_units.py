@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..environment import orbit_phase, seconds_later
 from ..probability import pattern, waves
-from ..simulator import FloatArray, IntArray, SimulationFailure, in_steps
+from ..simulator import FloatArray, IntArray, SimulationFailure, step_weights
 from .heat_model import LEAST_POWER, HeatModel, heat_changed, uncertainty
 from .window import Window
 
@@ -73,11 +74,12 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
         of_slow = model.slow.at(seconds)
         wandering = waves(phase, model.harmonics) if known else ()
         around_it = np.concatenate([around_it, *(model.of_pattern * wave * of_slow for wave in wandering)])
+    weights = step_weights(fine, grid)
     in_all = {
-        "constant": _on_grid(fine, of_pattern[:1], grid),
-        "pattern": _on_grid(fine, of_pattern[1:], grid),
-        "slow": _on_grid(fine, of_slow, grid),
-        "slow_pattern": _on_grid(fine, around_it, grid),
+        "constant": _in_steps(weights, of_pattern[:1]),
+        "pattern": _in_steps(weights, of_pattern[1:]),
+        "slow": _in_steps(weights, of_slow),
+        "slow_pattern": _in_steps(weights, around_it),
     }
     found = []
     for group in model.groups:
@@ -104,10 +106,10 @@ def _one_node(model: HeatModel, node: Sequence[int]) -> FloatArray:
     return np.eye(len(model.nodes))[np.array(node, np.int64)]
 
 
-def _on_grid(times: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
-    """[f, 2 K]"""
-    in_order = np.ascontiguousarray(np.moveaxis(in_steps(times, values, grid), 1, 2))
-    return in_order.reshape(len(values), 2 * (len(grid) - 1))
+def _in_steps(weights: csr_array, values: FloatArray) -> FloatArray:
+    """[f, 2 K] of values [f, M], by what `step_weights` gives."""
+    ends = (weights @ values.T).reshape(2, -1, len(values))
+    return np.ascontiguousarray(ends.transpose(2, 1, 0)).reshape(len(values), -1)
 
 
 def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:

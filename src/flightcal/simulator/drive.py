@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..environment import RINGS, face_fluxes, sample_times, seconds_later, shadow_edges, slew_edges, sun_edges
 from ..errors import require_memory
@@ -47,6 +46,8 @@ _CLOSE = 0.6
 """Of a step's length: corners of the inputs that are closer together do not end it."""
 _LONGER = 0.1
 """Of a step, that may be shared out among the others."""
+_LOOKED_AT = np.union1d(np.linspace(0.0, 1.0, 17), np.geomspace(1e-3, 1.0, 21))
+"""Places between two breaks, at which it is looked at how long steps may be."""
 
 Times = NDArray[np.datetime64]
 
@@ -77,23 +78,35 @@ def make_grid(inputs: Inputs, length: float | Callable[[FloatArray], FloatArray]
     length: the same everywhere, or a function of time [.] -> [.] that varies slowly; then steps end at corners too,
     where these are not much closer together than that.
     """
-    parts, breaks = [], inputs.breaks
+    breaks = inputs.breaks
     if callable(length) and len(inputs.corners):
         spaced = np.diff(np.concatenate([breaks[:1], inputs.corners])) > _CLOSE * length(inputs.corners)
         breaks = _apart(np.concatenate([breaks, inputs.corners[spaced]]))
-    for begin, end in itertools.pairwise(breaks):
-        if not callable(length):
-            steps = max(1, math.ceil((end - begin) / length - 1e-9))
-            parts.append(np.linspace(begin, end, steps, endpoint=False))
-            continue
-        # As many steps as the density 1 / length has room for, each holding the same share of it.
-        fine = np.union1d(np.linspace(begin, end, 17), begin + np.geomspace(1e-3, 1.0, 21) * (end - begin))
-        density = 1.0 / length(0.5 * (fine[1:] + fine[:-1]))
-        covered = np.concatenate([[0.0], np.cumsum(density * np.diff(fine))])
-        steps = max(1, math.ceil(covered[-1] - _LONGER))
-        parts.append(np.interp(np.arange(steps) * (covered[-1] / steps), covered, fine))
     settling = np.add.outer(inputs.settling, _SETTLING).ravel()
-    return np.unique(np.concatenate([*parts, breaks[-1:], settling[settling < breaks[-1]]]))
+    between = _evenly(breaks, length) if callable(length) else _equally(breaks, length)
+    return np.unique(np.concatenate([breaks, between, settling[settling < breaks[-1]]]))
+
+
+def _equally(breaks: FloatArray, length: float) -> FloatArray:
+    """Between breaks [B] s, the fewest steps of one length each that are at most so long."""
+    steps = np.maximum(1, np.ceil(np.diff(breaks) / length - 1e-9)).astype(int)
+    between = zip(breaks[:-1], breaks[1:], steps, strict=True)
+    return np.concatenate([np.linspace(begin, end, count, endpoint=False) for begin, end, count in between])
+
+
+def _evenly(breaks: FloatArray, length: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Between breaks [B] s, as many steps as the density 1 / length has room for, each with the same share of it."""
+    fine = breaks[:-1, None] + _LOOKED_AT * np.diff(breaks)[:, None]
+    density = 1.0 / length((0.5 * (fine[:, 1:] + fine[:, :-1])).ravel()).reshape(len(fine), -1)
+    covered = np.cumsum(density * np.diff(fine), axis=1)
+    whole = covered[:, -1]
+    steps = np.maximum(1, np.ceil(whole - _LONGER)).astype(int)
+    before = np.concatenate([[0.0], np.cumsum(whole)])
+    own = np.repeat(np.arange(len(steps)), steps)
+    place = np.arange(len(own)) - np.repeat(np.cumsum(steps) - steps, steps)
+    wanted = (before[own] + place * (whole / steps)[own])[place > 0]
+    ends = np.concatenate([[0.0], (before[:-1, None] + covered).ravel()])
+    return np.interp(wanted, ends, np.concatenate([breaks[:1], fine[:, 1:].ravel()]))
 
 
 def drive_on(inputs: Inputs, grid: FloatArray) -> Drive:
@@ -129,22 +142,36 @@ def in_steps(times: FloatArray, values: FloatArray, grid: FloatArray) -> FloatAr
 
     Times do not decrease and cover the grid; two at the same time mark a jump.
     """
+    return np.asarray((step_weights(times, grid) @ values.T).T).reshape(len(values), 2, len(grid) - 1)
+
+
+def step_weights(times: FloatArray, grid: FloatArray) -> csr_array:
+    """What `in_steps` makes of values at times [M]: [2 K, M], of the beginnings of all steps, and of their ends."""
     extra = np.setdiff1d(grid, times)
     right = np.searchsorted(times, extra)
     share = (extra - times[right - 1]) / (times[right] - times[right - 1])
-    between = (1.0 - share) * values[:, right - 1] + share * values[:, right]
+    # Each point of both is a mean of two values, the second of weight `share`.
+    own = np.arange(len(times))
+    before, after = np.insert(own, right, right - 1), np.insert(own, right, right)
+    share = np.insert(np.zeros(len(times)), right, share)
     times = np.insert(times, right, extra)
-    values = np.insert(values, right, between, axis=1)
     cell = np.flatnonzero(np.diff(times) > 0.0)
     step = np.searchsorted(grid, times[cell], side="right") - 1
-    begin, length = grid[step], np.diff(grid)[step]
-    u0, u1 = (times[cell] - begin) / length, (times[cell + 1] - begin) / length
-    f0, f1, width = values[:, cell], values[:, cell + 1], u1 - u0
-    first = np.searchsorted(step, np.arange(len(grid) - 1))
-    mean = np.add.reduceat(width * (f0 + f1) / 2.0, first, axis=1)
-    moment = np.add.reduceat(width * (f0 * (2.0 * u0 + u1) + f1 * (u0 + 2.0 * u1)) / 6.0, first, axis=1)
-    slope = 12.0 * moment - 6.0 * mean
-    return np.stack([mean - 0.5 * slope, mean + 0.5 * slope], axis=1)
+    length = np.diff(grid)[step]
+    u0, u1 = (times[cell] - grid[step]) / length, (times[cell + 1] - grid[step]) / length
+    rows, columns, weights = [], [], []
+    # A step's line is 4 means less 6 first moments where it begins, and 6 moments less 2 means where it ends.
+    for point, moment in ((cell, 2.0 * u0 + u1), (cell + 1, u0 + 2.0 * u1)):
+        for of_steps, weight in ((step, 2.0 - moment), (len(grid) - 1 + step, moment - 1.0)):
+            weight = weight * (u1 - u0)
+            for column, part in ((before[point], 1.0 - share[point]), (after[point], share[point])):
+                rows.append(of_steps)
+                columns.append(column)
+                weights.append(weight * part)
+    places = (np.concatenate(rows), np.concatenate(columns))
+    found = csr_array((np.concatenate(weights), places), shape=(2 * (len(grid) - 1), len(own)))
+    found.eliminate_zeros()
+    return found
 
 
 def window_inputs(
