@@ -117,6 +117,7 @@ def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
             "found 'on' for a temperature, expected it for a status",
         ),
         (("column: TT_BAT, unit", "column: TT_BAT, fill: interpolate, unit"), "found 'fill' for a temperature"),
+        (("column: TT_BAT, unit", "column: TT_BAT, longest_gap: 1 h, unit"), "found 'longest_gap', expected it for a"),
         (("attitude: nadir", "attitude: [1, 2]"), "found a list of 2, expected an attitude: nadir, sun_pointing"),
         (("attitude: nadir", "attitude: {quaternions: q.csv}"), "found no such file at 'q.csv'"),
         (("altitude: 693 km", "altitude: 1e200 km"), "found '1e200 km', expected at most 1e+09 m"),

@@ -164,6 +164,9 @@ def test_seconds_of_another_epoch_are_told_by_the_times_of_the_other_files(tmp_p
     [
         ("TT_BAT", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("TBAT", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
+        ("TPNL_N", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
+        ("TEAST", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
+        ("TESTS", [20.5, 21.0, -3.0, 4.0], ("driver", "1")),
         ("TH_PX", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("NTC3", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("I_PL_MA", [20.5, 210.0, 3.0, 4.0], ("driver", "mA")),

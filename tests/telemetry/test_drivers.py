@@ -62,6 +62,19 @@ def test_a_long_gap_takes_the_value_of_another_orbit(tmp_path: Path, kept, turns
     np.testing.assert_allclose(driver_series(dataset, "sun", seconds(*(MINUTE * at))), expected, atol=1e-12)
 
 
+def test_a_longer_gap_is_bridged_where_the_channel_says_so(tmp_path: Path):
+    minutes = np.arange(0.0, 300.0)
+    table = pd.DataFrame({"time": text(seconds(*(MINUTE * minutes))), "I": minutes})
+    table = table[~((minutes > 130) & (minutes < 160))]
+    known = {"column": "I", "kind": "driver"}
+    at = seconds(145 * MINUTE)
+    longer = read(tmp_path, table, channels={"sun": known | {"longest_gap": "30 min"}}, period=PERIOD)
+    np.testing.assert_allclose(driver_series(longer, "sun", at), 145.0)
+    shorter = read(tmp_path, table, channels={"sun": known | {"longest_gap": "29 min"}}, period=PERIOD)
+    with pytest.raises(TelemetryError, match=r"bridges at most 29\.0 min"):
+        driver_series(shorter, "sun", at)
+
+
 def test_an_earlier_orbit_goes_before_a_later_one(tmp_path: Path):
     minutes = np.arange(0.0, 300.0)
     table = pd.DataFrame({"time": text(seconds(*(MINUTE * minutes))), "I": minutes})[

@@ -118,6 +118,9 @@ class Channel(Block):
     fill: Literal["interpolate", "previous_orbit", "hold"] | Marker = "interpolate"
     """For a driver: how its gaps are bridged; hold: it has no gaps, for each value stays until the next sample. Or the
     value that it has wherever there are no samples, with its unit."""
+    longest_gap: Duration | None = None
+    """For a driver with `fill: interpolate`: the longest gap that a straight line bridges; null: a tenth of an orbit,
+    at most 30 min."""
 
     @field_validator("curve")
     @classmethod

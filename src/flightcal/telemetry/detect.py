@@ -47,6 +47,7 @@ _LEVELS = 5
 _TEMPERATURE_NAME = re.compile(
     r"(?i)temp|therm|thm|tmp|^t$|^t[th]?[_.\d-]|^(ntc|rtd|prt)|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c"
     r"|^t(bat[a-z]*|obc|eps|pcb|cpu|pan[a-z]*|trx|rad[a-z]*|pay[a-z]*|cam|tank|[pm][xyz]|[xyz][pm])\d*$"
+    r"|^t(pnl|panel|north|south|east|west|top|bottom|front|rear|zenith|nadir|str|struct|ccd|det|mli)(_?[a-z\d]{1,2})?$"
 )
 _KELVIN_NAME = re.compile(r"[_ ./]K$")
 _KELVINS = (150.0, 450.0)

@@ -39,9 +39,9 @@ def driver_series(
     """The driver `channel` at `times` [K], in its SI unit.
 
     Linear interpolation between valid samples. Where they are more than `SHORT_GAP` sampling intervals apart,
-    `fill` (default: the channel's own) says how: 'interpolate' does so up to a tenth of the period, at most
-    30 min; 'previous_orbit' takes the value a whole number of periods earlier, the fewest possible, or later
-    where there is none earlier. With 'hold' there is no interpolation: a value stays until the next sample, the last
+    `fill` (default: the channel's own) says how: 'interpolate' does so up to the channel's `longest_gap`, else a tenth
+    of the period, at most 30 min; 'previous_orbit' takes the value a whole number of periods earlier, the fewest
+    possible, or later where there is none earlier. With 'hold' there is no interpolation: a value stays until the next sample, the last
     one as long as there is telemetry. A number is the value in such gaps, before the first sample and after the last,
     farther than half a sampling interval from the nearest. period: orbital period, s; default: that of the dataset.
 
@@ -62,11 +62,10 @@ def driver_series(
         in_gap = np.where(np.abs(at - seconds[nearest]) > 0.5 * interval, fill, values[nearest])
         return np.where(open_gap, in_gap, result)
     if fill == "interpolate":
-        limit = (
-            LONGEST_INTERPOLATED if period is None else min(LONGEST_INTERPOLATED, LONGEST_INTERPOLATED_SHARE * period)
-        )
+        longest = dataset[channel].attrs["longest_gap_s"]
+        limit = longest or min(LONGEST_INTERPOLATED, LONGEST_INTERPOLATED_SHARE * (period or np.inf))
         open_gap &= gap > limit
-        most = f"'fill: interpolate' bridges at most {limit / 60:.1f} min"
+        most = f"'fill: interpolate' bridges at most {limit / 60:.1f} min ('longest_gap')"
         zero = f"0 {dataset[channel].attrs.get('units', '')}".strip()
         advice = f"{most}, 'fill: previous_orbit' also longer gaps, and 'fill: {zero}' says what the driver is in them"
     elif period is None:

@@ -346,6 +346,7 @@ def _dataset(
                 "long_name": f"{channel.kind} '{name}'",
                 "column": ", ".join(channel.column),
                 "fill": channel.bridge,
+                "longest_gap_s": channel.longest_gap or 0.0,
                 "packet": packet,
             },
         )

@@ -97,7 +97,11 @@ def test_one_change_of_attitude_that_is_late_is_named_with_the_minutes(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [pytest.param("direction", [1, 0, 0], marks=pytest.mark.slow), ("period", "20 min")]
+    ("name", "value"),
+    [
+        pytest.param("direction", [1, 0, 0], marks=pytest.mark.slow),
+        pytest.param("period", "20 min", marks=pytest.mark.slow),
+    ],
 )
 def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, value):
     written = boxed()

@@ -129,7 +129,7 @@ LINES = (
     ("place", "text", "title"),
     [
         pytest.param(slice(17, 25), " 40.0000", "The orbit has another raan", marks=pytest.mark.slow),
-        (slice(8, 16), " 51.6000", "The orbit has another inclination"),
+        pytest.param(slice(8, 16), " 51.6000", "The orbit has another inclination", marks=pytest.mark.slow),
         pytest.param(slice(52, 63), "14.20000000", "The orbit has another mean motion", marks=pytest.mark.slow),
     ],
 )

@@ -163,6 +163,9 @@ def _check_range(channel: Channel, location: Location) -> Iterator[Problem]:
 def _check_options(channel: Channel, location: Location, reading: Reading) -> Iterator[Problem]:
     if channel.kind != "driver" and "fill" in channel.model_fields_set:
         yield Problem((*location, "fill"), f"found 'fill' for a {channel.kind}, expected it for a driver only")
+    if channel.longest_gap is not None and (channel.kind != "driver" or channel.fill != "interpolate"):
+        message = "found 'longest_gap', expected it for a driver with 'fill: interpolate' only"
+        yield Problem((*location, "longest_gap"), message)
     environment = reading.blocks.environment
     known = environment is None or environment.orbit is not None or environment.period is not None
     try:

@@ -35,7 +35,10 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             message = "found a length in orbits, expected 'orbit' or 'period' in environment to know how long one is"
             yield Problem(("windows", name, "orbits"), message)
         if not in_orbits and blocks.windows:
-            message = "found neither 'orbit' nor 'period', expected one: gaps and phases are told in orbits"
+            message = (
+                "found neither 'orbit' nor 'period', expected one: gaps and phases are told in orbits. Where there is "
+                "no orbit, as of a probe, write after how long what it does comes again, such as 'period: 24 h'"
+            )
             yield Problem(("environment",), message)
     yield from _check_overlap(readable(blocks.windows), environment)
 
