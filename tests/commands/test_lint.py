@@ -41,3 +41,17 @@ def test_a_driver_that_is_sampled_and_not_sent_when_it_changes_is_not_to_be_held
     result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
     assert result.exit_code == 0, result.output
     assert ("advice: telemetry.channels.sun: its samples come every 60 s" in result.output) is advised
+
+
+def test_a_driver_that_lies_beyond_a_loads_table_is_told(tmp_path: Path):
+    written = small.content()
+    written["simulator"]["loads"]["sun"] = {
+        "node": "panel", "driver": "sun", "coefficient": "12 W", "table": [["0 mA", 0], ["1 mA", 1]]
+    }  # fmt: skip
+    small.load(tmp_path, written)
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    assert "of the samples of 'sun' lie beyond its table" in result.output
+    written["simulator"]["loads"]["sun"]["table"][1][0] = "1 A"
+    small.load(tmp_path, written)
+    assert "beyond its table" not in run(app, ["lint", str(tmp_path / "scenario.yaml")]).output

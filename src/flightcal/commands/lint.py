@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _MOST_GAPS = 3
 """Gaps of a driver that are told, the longest."""
+_MUCH = 0.5
+"""Share of a driver's samples beyond a table, from which it is told."""
 _SHORT = 10.0
 """s, by which temperatures do not tell that a driver is late."""
 
@@ -83,7 +85,7 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
     """What is not wrong, and had better be otherwise; rows: of all windows to train on."""
     import numpy as np
 
-    from ..scenario import noise_of
+    from ..scenario import SimulatorModel, noise_of, table_places
     from ..telemetry import ENOUGH, LONG, MANY, dense_channels, quantisation_step, sampled_every
 
     dense, length = dense_channels(data), ENOUGH
@@ -111,6 +113,17 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
                     f"telemetry.channels.{channel}: no sample is from {span.start.isoformat()} to "
                     f"{span.end.isoformat()}, which 'leave_out' names; check its dates"
                 )
+    for name, load in scenario.simulator.loads.items() if isinstance(scenario.simulator, SimulatorModel) else ():
+        driver = scenario.telemetry.channels[load.driver]
+        values = data[load.driver].values[np.isfinite(data[load.driver].values)]
+        places = table_places(load, driver) if load.table else [-np.inf, np.inf]
+        values = np.abs(values) if load.absolute else values
+        outside = np.mean((values < places[0]) | (values > places[-1])) if len(values) else 0.0
+        if outside > _MUCH:
+            yield (
+                f"simulator.loads.{name}: {outside:.0%} of the samples of '{load.driver}' lie beyond its table, whose "
+                f"ends then count; check 'unit' of '{load.driver}'"
+            )
     for channel, item in scenario.observations.items():
         on = data[channel].values[np.isfinite(data[channel].values)]
         if item.heater is not None and len(on) and (on == on[0]).all():

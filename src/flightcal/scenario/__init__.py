@@ -71,7 +71,7 @@ from .network import (
     SimulatorModel,
     SunTracking,
 )
-from .numbers import Numbers, load_coefficient, load_driver, numbers_of, settable
+from .numbers import Numbers, load_coefficient, load_driver, numbers_of, settable, table_places
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, Uniform
 from .reduced import REDUCED_MODEL_FORMAT

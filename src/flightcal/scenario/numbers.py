@@ -169,14 +169,19 @@ def load_driver(load: Load, driver: Channel) -> Callable[[FloatArray], FloatArra
     sign: Callable[[FloatArray], FloatArray] = np.abs if load.absolute else np.asarray
     if not load.table:
         return sign
+    places, factors = table_places(load, driver), [factor for _, factor in load.table]
+    return lambda values: np.interp(sign(values), places, factors)
+
+
+def table_places(load: Load, driver: Channel) -> list[float]:
+    """Values of the driver (SI) at which a load's table has factors. Raises ValueError for a table that is wrong."""
     unit = driver.unit or ""
     texts = [place if isinstance(place, str) else f"{place:g} {unit}".strip() for place, _ in load.table]
     places = [to_si(text, si_unit(unit) if unit else "") for text in texts]
     for earlier, later, text in zip(places, places[1:], texts[1:], strict=False):
         if not earlier < later:
             raise ValueError(f"found {text} after a larger or equal value, expected values of the driver that grow")
-    factors = [factor for _, factor in load.table]
-    return lambda values: np.interp(sign(values), places, factors)
+    return places
 
 
 def _numbers(blocks: Blocks) -> Iterator[tuple[str, Quantity, float]]:

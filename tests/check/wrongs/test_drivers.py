@@ -91,3 +91,23 @@ def test_nothing_is_said_of_a_table_that_is_right(tmp_path):
 
 def test_nothing_is_said_of_two_drivers_that_are_right(tmp_path):
     assert named(*with_a_bus(tmp_path)) == ()
+
+
+@pytest.mark.parametrize(
+    ("read", "title"),
+    [
+        (np.deg2rad, "The angle pitch is in rad, not in deg"),
+        (lambda pitch: 180.0 - pitch, "The angle pitch is that from the opposite axis"),
+    ],
+)
+def test_an_angle_of_another_unit_or_from_another_axis_is_named(tmp_path, read, title):
+    written = small.content()
+    written["telemetry"]["channels"]["pitch"] = {"column": "pitch", "kind": "driver", "unit": "deg"}
+    load = {"node": "panel", "driver": "pitch", "coefficient": "15 W", "table": [[0, 1], [60, 0.3], [120, 0], [180, 0]]}
+    written["simulator"]["loads"]["sunlight"] = load
+    pitch = 20.0 + 130.0 * (np.arange(421) // 23 * 37 % 100 / 100.0)
+    scenario, data = small.closed_loop(tmp_path, written, columns={"pitch": pitch})
+    assert named(scenario, data) == ()
+    scenario, _ = small.load(tmp_path, written, columns={"pitch": read(pitch)})
+    first = named(scenario, spoilt(data, pitch=np.deg2rad(read(pitch))))[0]
+    assert first.title == title

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
 from ...errors import FlightcalError
 from ...problem import Window
 from ...report import number
-from ...scenario import Load, load_coefficient
+from ...scenario import Load, kind_of, load_coefficient
 from ...simulator import FloatArray
 from ..evidence import Fit
 from ..sunlight import FINE
@@ -22,6 +22,17 @@ _MOST_POINTS = 6
 """Of a table, any two of which may be exchanged."""
 _OF_UNIT = 8
 """Ways in which a driver may be of another unit or sign."""
+
+_OF_ANGLES = (
+    ("is in rad, not in deg", "'unit' of {}", 180.0 / np.pi, 0.0),
+    ("is in deg, not in rad", "'unit' of {}", np.pi / 180.0, 0.0),
+    ("has the wrong sign", "which way round {} counts", -1.0, 0.0),
+    ("is that from the opposite axis", "from which axis {} counts", -1.0, np.pi),
+    ("is that from an axis at 90 deg", "from which axis {} counts", -1.0, 0.5 * np.pi),
+    ("counts from the other end", "from where {} counts", 1.0, np.pi),
+    ("counts from the other end", "from where {} counts", 1.0, -np.pi),
+)
+"""What an angle may be, what to check, and factor and offset (rad) of what it reads."""
 
 
 def drivers(view: View) -> Iterator[Wrong]:
@@ -171,8 +182,32 @@ def tables(view: View) -> Iterator[Wrong]:
         yield from _driven(view, {name: (changed, load.driver)}, words, len(tried))
 
 
-def _driven(view: View, by: Mapping[str, tuple[Load, str]], words: Words, tries: float) -> Iterator[Wrong]:
-    """Some loads are others, by other drivers; nothing where one is in another unit than that which is written."""
+def angles(view: View) -> Iterator[Wrong]:
+    """The angle that a load's table is over is in another unit, or counts from another axis or the other way round."""
+    scenario = view.window.scenario
+    loads = {name: load for name, load in scenario.network.loads.items() if load.table}
+    units = {name: scenario.telemetry.channels[load.driver].unit for name, load in loads.items()}
+    over = {name: load for name, load in loads.items() if (unit := units[name]) and kind_of(unit) == "an angle"}
+    for (name, load), (said, advice, scale, offset) in product(over.items(), _OF_ANGLES):
+        words = Words(
+            f"The angle {load.driver} {said}",
+            f"So taken, the heat of load {name} explains the telemetry.",
+            f"Check {advice.format(load.driver)} and 'table' of load {name}",
+        )
+        yield from _driven(view, {name: (load, load.driver)}, words, len(over) * len(_OF_ANGLES), (scale, offset))
+
+
+def _driven(
+    view: View,
+    by: Mapping[str, tuple[Load, str]],
+    words: Words,
+    tries: float,
+    line: tuple[float, float] = (1.0, 0.0),
+) -> Iterator[Wrong]:
+    """Some loads are others, by other drivers; nothing where one is in another unit than that which is written.
+
+    line: factor and offset of the drivers, SI.
+    """
     scenario, drive = view.window.scenario, view.network.drive
     inputs, fine = drive.inputs.copy(), np.union1d(np.arange(0.0, drive.times[-1], FINE), drive.times)
     for name, (load, channel) in by.items():
@@ -181,7 +216,7 @@ def _driven(view: View, by: Mapping[str, tuple[Load, str]], words: Words, tries:
             written, other = (load_coefficient(load, known[own]) for own in (load.driver, channel))
             if written != other:
                 return
-            series = load_series(view, load, channel, fine)
+            series = load_series(view, load, channel, fine, lambda values: line[0] * values + line[1])
         except (FlightcalError, ValueError):
             return
         put(inputs, view.network.network.columns, fine, {f"driver.{name}": series}, drive.times)
@@ -189,5 +224,5 @@ def _driven(view: View, by: Mapping[str, tuple[Load, str]], words: Words, tries:
     yield Wrong("driver", about, words, window=view.with_inputs(inputs), tries=tries)
 
 
-WRONGS = (drivers, other_columns, tables)
+WRONGS = (drivers, other_columns, tables, angles)
 """What looks for them."""

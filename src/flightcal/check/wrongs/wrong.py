@@ -207,16 +207,22 @@ def flow_through(view: View, node: str) -> float:
     return float(view.heat.flow[view.heat.nodes.index(node)]) if node in view.heat.nodes else 0.0
 
 
-def load_series(view: View, load: Load, channel: str, seconds: FloatArray) -> FloatArray:
+def load_series(
+    view: View,
+    load: Load,
+    channel: str,
+    seconds: FloatArray,
+    of: Callable[[FloatArray], FloatArray] = np.asarray,
+) -> FloatArray:
     """[M] what a load makes of a driver's channel at seconds [M] of its time; outside of its samples it stays.
 
-    Raises TelemetryError.
+    of: what the driver is in the place of what it reads, SI. Raises TelemetryError.
     """
     written = view.window.scenario.telemetry.channels[channel]
     times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[channel].to_numpy())]
     at = np.clip(view.utc(seconds), times[0], times[-1])
     values = driver_series(view.telemetry, channel, at, fill=written.bridge, period=view.window.period)
-    return load_driver(load, written)(values)
+    return load_driver(load, written)(of(values))
 
 
 def put(
