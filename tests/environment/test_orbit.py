@@ -133,10 +133,8 @@ def test_given_period_comes_before_the_orbit_s():
     assert orbital_period(environment(circular(), period="97 min")) == 97 * 60
 
 
-@pytest.mark.parametrize("scene", [environment(), environment(attitude="nadir")])
-def test_period_without_orbit_is_an_error(scene):
-    with pytest.raises(OrbitError, match="neither 'orbit' nor 'period'"):
-        orbital_period(scene)
+def test_without_an_orbit_lengths_are_told_in_days():
+    assert orbital_period(environment()) == 86400.0
 
 
 def test_perigee_inside_the_earth_is_an_error():

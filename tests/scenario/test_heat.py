@@ -168,3 +168,28 @@ def test_noise_that_is_written_stays_beside_heat(tmp_path):
 def test_a_pattern_over_what_is_no_driver_is_refused(tmp_path, over, message):
     with pytest.raises(ScenarioError, match=message):
         load(tmp_path, omitted() | {"heat": {"pattern": over}})
+
+
+def without_an_orbit(folder, *angles, followed=(), **heat):
+    written = omitted() | ({"heat": heat} if heat else {})
+    del written["environment"]
+    for name in angles:
+        written["telemetry"]["channels"][name] = {"column": "sun", "unit": "deg", "kind": "driver"}
+    for name in followed:
+        own = {"node": "panel", "driver": name, "table": [[0, 0], [90, 1]], "coefficient": "1 W"}
+        written["simulator"]["loads"][name] = own
+    return heat_of(load(folder, written))
+
+
+def test_without_an_orbit_heat_comes_again_at_an_angle_and_drifts_by_more(tmp_path):
+    heat = without_an_orbit(tmp_path, "pitch")
+    assert heat == Heat(pattern=HeatPattern(over="pitch"), slow=HeatSlow(time="1 day", scale=0.02))
+    assert without_an_orbit(tmp_path, "pitch", "roll").pattern == HeatPattern(harmonics=0)
+    assert without_an_orbit(tmp_path, "pitch", "roll", followed=["roll"]).pattern.over == "roll"
+
+
+def test_without_an_orbit_what_is_written_of_heat_stays(tmp_path):
+    heat = without_an_orbit(tmp_path, "pitch", pattern={"scale": 0.3}, slow={"time": "2 h"}, gains=None)
+    assert heat == Heat(pattern=HeatPattern(over="pitch", scale=0.3), gains=None, slow=HeatSlow(time="2 h", scale=0.02))
+    scales = without_an_orbit(tmp_path, "pitch", pattern=None, slow={"scale": 0.01})
+    assert scales == Heat(pattern=None, slow=HeatSlow(time="1 day", scale=0.01))

@@ -286,7 +286,7 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
     lines = [
         "",
         "# PLACEHOLDER: the orbital period; with `orbit` and `attitude`, sunlight on `faces` is computed.",
-        "# Without an orbit, as of a probe: after how long what it does comes again, such as 24 h.",
+        "# Of a probe without an orbit, leave the block out.",
         *(["# In these telemetry files the temperatures come again after about this time."] if period else []),
         f"environment: {{period: {f'{period / 60:.4g}' if period else '95'} min}}",
         "",

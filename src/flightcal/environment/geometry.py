@@ -64,7 +64,7 @@ def orbit_phase(
     Without an orbit: periods since `origin`, by default the first time; give the same origin wherever phases are to be
     compared. With neither orbit nor period: NaN, unknown.
     """
-    if times.size == 0 or (environment.orbit is None and environment.period is None):
+    if times.size == 0 or not environment.comes_again:
         return np.full(len(times), np.nan)
     if environment.orbit is None:
         elapsed = seconds_since(times, times[0] if origin is None else origin)

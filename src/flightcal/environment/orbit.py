@@ -28,6 +28,7 @@ EARTH_RADIUS = 6378.137e3
 """m, equatorial (WGS 84): of the sphere that altitudes count from, that shines and that casts the shadow."""
 EARTH_J2 = 1.08262668e-3
 """Second zonal harmonic, unnormalised (EGM96)."""
+_DAY = 86400.0
 _LONGEST_TLE_AGE = 30.0
 """days from the epoch of two-line elements: drag makes them useless long before a year."""
 _COARSEST_SAMPLING = 0.1
@@ -55,13 +56,13 @@ def orbital_period(environment: Environment, folder: Path = Path()) -> float:
     Nodal (draconitic) means from ascending node to ascending node, which
     makes two windows of whole orbits alike. Elements: from the secular rates of mean anomaly and perigee
     (TLE: SGP4's). Samples: the mean over their whole orbits or, where they hold less than one, Kepler's
-    period of the mean vis-viva semi-major axis (0.5%).
+    period of the mean vis-viva semi-major axis (0.5%). With neither, as of a probe: a day, by which lengths are told.
     """
     if environment.period is not None:
         return environment.period
     orbit = environment.orbit
     if orbit is None:
-        raise OrbitError("environment: found neither 'orbit' nor 'period', expected one of them")
+        return _DAY
     if isinstance(orbit, SampledOrbit):
         return _sampled(orbit, folder)[1]
     if isinstance(orbit, TleOrbit):

@@ -108,8 +108,8 @@ def _one_node(model: HeatModel, node: Sequence[int]) -> FloatArray:
 
 def _in_steps(weights: csr_array, values: FloatArray) -> FloatArray:
     """[f, 2 K] of values [f, M], by what `step_weights` gives."""
-    ends = (weights @ values.T).reshape(2, -1, len(values))
-    return np.ascontiguousarray(ends.transpose(2, 1, 0)).reshape(len(values), -1)
+    ends = (weights @ values.T).reshape(2, weights.shape[0] // 2, len(values))
+    return np.ascontiguousarray(ends.transpose(2, 1, 0)).reshape(len(values), weights.shape[0])
 
 
 def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:

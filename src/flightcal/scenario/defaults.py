@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from .external import ExternalModel
-from .heat import Heat
+from .heat import Heat, HeatPattern
 from .network import SimulatorModel
 from .priors import HalfNormal, LogNormal
 from .residuals import Discrepancy, Noise, PhaseDiscrepancy
 from .schema import Scenario
+from .units import kind_of
 
 _FINEST = 5e-3
 """K, error of the integration that no telemetry shows."""
+_DRIFT, _DAY = 0.02, 86400.0
+"""Of the heat that flows, and s: how much and how slowly heat drifts where no orbit comes again. The temperatures of
+Chandra's boxes do."""
 _TIME_ERROR = 3.0
 """s, where a scenario with unmodelled heat does not write `time_error`."""
 NOISE_BESIDE_HEAT = Noise(
@@ -49,9 +53,31 @@ def heat_of(scenario: Scenario) -> Heat | None:
 
     Where the scenario does not write it, it has the defaults, unless the scenario has what heat cannot stand beside.
     """
-    if scenario.heat is not None:
-        return scenario.heat if isinstance(scenario.heat, Heat) else None
-    return Heat() if can_have_heat(scenario) else None
+    heat = scenario.heat if isinstance(scenario.heat, Heat) else None
+    if scenario.heat is None and can_have_heat(scenario):
+        heat = Heat()
+    return heat if heat is None or scenario.environment.comes_again else _without_an_orbit(scenario, heat)
+
+
+def _without_an_orbit(scenario: Scenario, heat: Heat) -> Heat:
+    """What heat means where nothing comes again: over an angle, if there is one; and it drifts by more, in days."""
+    pattern, slow = heat.pattern, heat.slow
+    if pattern is not None and pattern.over is None:
+        angle = _angle(scenario)
+        pattern = HeatPattern(over=angle, scale=pattern.scale) if angle else pattern.model_copy(update={"harmonics": 0})
+    if slow is not None:
+        scale = slow.scale if "scale" in slow.model_fields_set else _DRIFT
+        slow = slow.model_copy(update={"time": slow.time or _DAY, "scale": scale})
+    return heat.model_copy(update={"pattern": pattern, "slow": slow})
+
+
+def _angle(scenario: Scenario) -> str | None:
+    """The driver that is an angle, of several that which loads follow; None: there is not one alone."""
+    measured = {name: own.unit for name, own in scenario.telemetry.channels.items() if own.kind == "driver"}
+    angles = [name for name, unit in measured.items() if unit is not None and kind_of(unit) == "an angle"]
+    followed = {load.driver for load in scenario.network.loads.values()}
+    one = [name for name in angles if name in followed] or angles
+    return one[0] if len(one) == 1 else None
 
 
 def discrepancy_of(scenario: Scenario) -> Discrepancy | None:
@@ -61,7 +87,7 @@ def discrepancy_of(scenario: Scenario) -> Discrepancy | None:
     """
     if scenario.discrepancy is not None:
         return scenario.discrepancy if isinstance(scenario.discrepancy, Discrepancy) else None
-    around = scenario.environment.orbit is not None or scenario.environment.period is not None
+    around = scenario.environment.comes_again
     return Discrepancy(phase=PhaseDiscrepancy()) if around and _lacks(scenario) and not not_normal(scenario) else None
 
 

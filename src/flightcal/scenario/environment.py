@@ -314,3 +314,8 @@ class Environment(Block):
     earth_infrared: Annotated[float, Quantity("W/m^2", at_least=0, believable=1e4)] = 237.0
     solar_constant: Annotated[float, Quantity("W/m^2", at_least=0, believable=1e5)] = 1361.0
     """At one astronomical unit (Kopp & Lean 2011: 1360.8 W/m2)."""
+
+    @property
+    def comes_again(self) -> bool:
+        """Whether an orbit or a period says after how long everything comes again; of a probe nothing does."""
+        return self.orbit is not None or self.period is not None

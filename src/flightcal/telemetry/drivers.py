@@ -41,9 +41,10 @@ def driver_series(
     Linear interpolation between valid samples. Where they are more than `SHORT_GAP` sampling intervals apart,
     `fill` (default: the channel's own) says how: 'interpolate' does so up to the channel's `longest_gap`, else a tenth
     of the period, at most 30 min; 'previous_orbit' takes the value a whole number of periods earlier, the fewest
-    possible, or later where there is none earlier. With 'hold' there is no interpolation: a value stays until the next sample, the last
-    one as long as there is telemetry. A number is the value in such gaps, before the first sample and after the last,
-    farther than half a sampling interval from the nearest. period: orbital period, s; default: that of the dataset.
+    possible, or later where there is none earlier. With 'hold' there is no interpolation: a value stays until the next
+    sample, the last one as long as there is telemetry. A number is the value in such gaps, before the first sample and
+    after the last, farther than half a sampling interval from the nearest. period: orbital period, s; default: that of
+    the dataset.
 
     Raises TelemetryError when a gap cannot be bridged.
     """
@@ -62,7 +63,7 @@ def driver_series(
         in_gap = np.where(np.abs(at - seconds[nearest]) > 0.5 * interval, fill, values[nearest])
         return np.where(open_gap, in_gap, result)
     if fill == "interpolate":
-        longest = dataset[channel].attrs["longest_gap_s"]
+        longest = dataset[channel].attrs.get("longest_gap_s")
         limit = longest or min(LONGEST_INTERPOLATED, LONGEST_INTERPOLATED_SHARE * (period or np.inf))
         open_gap &= gap > limit
         most = f"'fill: interpolate' bridges at most {limit / 60:.1f} min ('longest_gap')"

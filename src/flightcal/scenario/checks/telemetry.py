@@ -167,7 +167,7 @@ def _check_options(channel: Channel, location: Location, reading: Reading) -> It
         message = "found 'longest_gap', expected it for a driver with 'fill: interpolate' only"
         yield Problem((*location, "longest_gap"), message)
     environment = reading.blocks.environment
-    known = environment is None or environment.orbit is not None or environment.period is not None
+    known = environment is None or environment.comes_again
     try:
         channel.bridge  # noqa: B018
     except ValueError as error:

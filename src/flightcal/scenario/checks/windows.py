@@ -29,17 +29,17 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     environment = blocks.environment
     if environment is None:
         return
-    if environment.orbit is None and environment.period is None:
+    if not environment.comes_again:
         in_orbits = [name for name, window in readable(blocks.windows).items() if window.orbits is not None]
         for name in in_orbits:
             message = "found a length in orbits, expected 'orbit' or 'period' in environment to know how long one is"
             yield Problem(("windows", name, "orbits"), message)
         if not in_orbits and blocks.windows:
             message = (
-                "found neither 'orbit' nor 'period', expected one: gaps and phases are told in orbits. Where there is "
-                "no orbit, as of a probe, write after how long what it does comes again, such as 'period: 24 h'"
+                "found neither 'orbit' nor 'period': what the model lacks comes again with no orbit. Right of a probe; "
+                "else write an orbit, or after how long temperatures come again, such as 'period: 95 min'"
             )
-            yield Problem(("environment",), message)
+            yield Problem(("environment",), message, warning=True)
     yield from _check_overlap(readable(blocks.windows), environment)
 
 
