@@ -393,7 +393,9 @@ CASES = (
     ),
     Case(
         "The scenario lacks some heat.", much_heat, f"{ALL} values of parameters.",
-        "Unmodelled heat is large: battery, 13% of what flows", CHECK, WITH_LIMITS,
+        "Unmodelled heat is large: battery, 13% of what flows",
+        "Find what heats or cools battery and the scenario lacks: a mode's power, a load, a pass, a shadow.",
+        WITH_LIMITS,
     ),
     Case(
         "Heat that nobody described hides a wrong set-up.", implausible_heat, NOT,

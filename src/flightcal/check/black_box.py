@@ -337,7 +337,8 @@ def told_by_status(ensemble: Ensemble, clear: float) -> Iterator[tuple[str, str,
                     f"{channel} is inverted",
                     f"{often}, the simulator for {100.0 * float(simulated.mean()):.0f}%; {ensemble.channels[shows]} "
                     "warms while it says off.",
-                    f"Correct 'on' of {channel} in 'telemetry: channels'",
+                    f"Correct {window.scenario.telemetry.channels[channel].says_on} of {channel} in 'telemetry: "
+                    "channels'",
                 ),
             )
 

@@ -151,6 +151,11 @@ class Channel(Block):
         return self.threshold is None and (self.kind == "status" or (self.kind == "driver" and of_words))
 
     @property
+    def says_on(self) -> str:
+        """The key of a status that says what is on, in quotes."""
+        return f"'{self.threshold or ('bits' if self.bits is not None else 'on')}'"
+
+    @property
     def threshold(self) -> Literal["on_above", "on_below"] | None:
         """The key that makes a status of a number; null: it is none that is made so."""
         return "on_above" if self.on_above is not None else "on_below" if self.on_below is not None else None

@@ -58,13 +58,19 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS, apart: fl
     for late in map(float, seconds):
         if abs(late) < least:
             continue
-        hour = _an_hour(late, view.window.period)
+        hour, moved = _an_hour(late, view.window.period), f"Moved {minutes(late)} {'back' if late > 0 else 'on'}"
         words = Words(
             f"The telemetry's clock is {off(late)}",
-            f"Moved {minutes(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
-            f"modes; whole orbits more or less may be as good{f', such as {hour}' if hour else ''}.",
+            f"{moved}, the telemetry agrees with sunlight, eclipses and modes; whole orbits more or less may be as "
+            f"good{f', such as {hour}' if hour else ''}.",
             f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
         )
+        if view.window.scenario.environment.orbit is None:
+            words = Words(
+                words.title,
+                f"{moved}, the telemetry agrees with the timeline of modes.",
+                f"Check the zone of the time column, its leap seconds, and the timeline's; shift it by {-late:+.0f} s",
+            )
         less = late - round(late / view.window.period) * view.window.period
         near = partial(clocks, view, np.union1d(closer(late, apart), closer(less, apart)), _NARROWER * apart)
         tries = len(SHIFTS) * (_WHOLE_ORBITS if abs(late) > 0.5 * view.window.period else 1.0)

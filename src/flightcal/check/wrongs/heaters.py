@@ -41,7 +41,7 @@ def statuses(view: View) -> Iterator[Wrong]:
             f"The temperatures rise while {channel} says that {heater} is off: it is on for "
             f"{100 * (1 - float(np.nanmean(view.telemetry[channel]))):.0f}% of the time, not for "
             f"{100 * float(np.nanmean(view.telemetry[channel])):.0f}%.",
-            f"Correct 'on' of {channel} in 'telemetry: channels'",
+            f"Correct {view.window.scenario.telemetry.channels[channel].says_on} of {channel} in 'telemetry: channels'",
         )
         yield from driven_otherwise("status inverted", channel, words, view, tries=len(channels), telemetry=data)
     for a, b in combinations(channels.values(), 2):

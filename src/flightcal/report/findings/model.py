@@ -133,7 +133,11 @@ def _wandering_heat(run: RunFiles) -> list[Finding]:
         "Nothing foresees such heat: on unseen orbits intervals are wide."
     )
     title = f"Much of the unmodelled heat comes and goes: {worst}, {percent(sizes[worst], 0)} of what flows"
-    return [Finding("warn", title, text, not_for=_doubted_by_heat(run, sizes), then=CHECK)]
+    return [Finding("warn", title, text, not_for=_doubted_by_heat(run, sizes), then=_find(worst))]
+
+
+def _find(node: str) -> str:
+    return f"Find what heats or cools {node} and the scenario lacks: a mode's power, a load, a pass, a shadow."
 
 
 def _doubted_by_heat(run: RunFiles, nodes: Collection[str]) -> tuple[str, ...]:
@@ -225,7 +229,7 @@ def _lasting_heat(run: RunFiles, of: str) -> list[Finding]:
         )
         title = f"Unmodelled heat is large: {worst}, {percent(share, 0)} of what flows"
         nodes = [name for name, share, allowed in found if state(share, allowed)]
-        return [Finding("warn", title, text, not_for=_doubted_by_heat(run, nodes), then=CHECK)]
+        return [Finding("warn", title, text, not_for=_doubted_by_heat(run, nodes), then=_find(worst))]
     largest, share, _ = max(found, key=lambda own: own[1])
     text = f"The telemetry proves no more than {percent(share)} of the mean heat through any node ({largest})."
     if likely := max(node_heats(run), key=lambda own: own.most, default=None):

@@ -107,7 +107,7 @@ def panel(run: RunFiles) -> list[Block]:
             "Each node takes up heat that no block of the scenario describes. It is calibrated with the parameters. "
             f"The pattern is a function of {f'the driver {over}' if over else 'the orbit phase'}. Where that is the "
             "same, so is the heat, and it carries over to every window. The slow part belongs to the time it was "
-            "learnt from, and fades within a few hours. Gains are relative errors of modes, loads and absorbed fluxes; "
+            "learnt from, and fades. Gains are relative errors of modes, loads and absorbed fluxes; "
             "they carry over too. Predictions contain all of this: it is injected into the simulator, so that "
             "thermostats answer to it."
         ),
