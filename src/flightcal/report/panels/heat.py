@@ -102,21 +102,28 @@ def panel(run: RunFiles) -> list[Block]:
     nodes, over = node_heats(run), str(run.heat.get("over") or "")
     shown = sorted(sorted(nodes, key=lambda own: -own.most)[:MOST_NODES], key=nodes.index)
     rest = f" The {len(shown)} nodes with the largest shares; the table has all." if len(shown) < len(nodes) else ""
+    is_constant = not over and all(own.pattern is None for own in nodes)
+    carries = (
+        f"The pattern is a function of {f'the driver {over}' if over else 'the orbit phase'}. Where that is the same, "
+        "so is the heat, and it carries over to every window."
+    )
+    if is_constant:
+        carries = "It has no pattern: beside what drifts it is a constant, which carries over to every window."
+    patterns = block.figure(
+        figure_pattern(shown, over or PHASE),
+        f"Expected pattern of unmodelled heat over {over or 'the orbit'}, its constant included. Left axis: W. "
+        f"Right axis: share of the mean heat that flows through the node. Band: its 95% interval.{rest}",
+        wide=True,
+    )
     return [
         block.text(
             "Each node takes up heat that no block of the scenario describes. It is calibrated with the parameters. "
-            f"The pattern is a function of {f'the driver {over}' if over else 'the orbit phase'}. Where that is the "
-            "same, so is the heat, and it carries over to every window. The slow part belongs to the time it was "
+            f"{carries} The slow part belongs to the time it was "
             "learnt from, and fades. Gains are relative errors of modes, loads and absorbed fluxes; "
             "they carry over too. Predictions contain all of this: it is injected into the simulator, so that "
             "thermostats answer to it."
         ),
-        block.figure(
-            figure_pattern(shown, over or PHASE),
-            f"Expected pattern of unmodelled heat over {over or 'the orbit'}, its constant included. Left axis: W. "
-            f"Right axis: share of the mean heat that flows through the node. Band: its 95% interval.{rest}",
-            wide=True,
-        ),
+        *([] if is_constant else [patterns]),
         block.table(sizes(nodes, gains(run))),
         block.text(
             "Size: standard deviation, posterior median [95%]; beneath, its share of the flow and its prior's scale. "

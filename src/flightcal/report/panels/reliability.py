@@ -79,11 +79,17 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
     prediction: a group of prediction.nc. Grey: what 95% of the values would be where the intervals are right.
     """
     channels = names(prediction, "channel")
-    titles = [title for channel in channels for title in (channel.replace("_", " "), "by place", "by hour")]
-    figure, height = plots(titles, 3, ROW_HEIGHT, horizontal_spacing=0.09)
     time = prediction["time"].values
     transforms = probability_integral_transform(prediction)
-    parts = [coverage_by_phase(prediction), coverage_by_hour(prediction)]
+    by = {
+        ("by place", "place in the orbit, –"): coverage_by_phase(prediction),
+        ("by hour", "forecast, h"): coverage_by_hour(prediction),
+    }
+    # Without an orbit there is no place in it.
+    by = {what: found for what, found in by.items() if found or what[0] != "by place"}
+    parts = list(by.values())
+    titles = [title for channel in channels for title in (channel.replace("_", " "), *(title for title, _ in by))]
+    figure, height = plots(titles, 1 + len(by), ROW_HEIGHT, horizontal_spacing=0.09)
     nominal = float(prediction.attrs.get("interval", 0.95))
     lowest = min([0.8, *(max(part.share - 0.05, 0.0) for found in parts for part in found)])
     for row, (channel, values) in enumerate(zip(channels, transforms.T, strict=True), start=1):
@@ -93,7 +99,7 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
         for column, found in enumerate(parts, start=2):
             _coverage(figure, [part for part in found if part.channel == channel], row, column)
         figure.update_yaxes(title_text="density, –", nticks=5, row=row, col=1)
-        for column in (2, 3):
+        for column in range(2, 2 + len(by)):
             figure.update_yaxes(title_text="coverage, –", range=[lowest, 1.01], nticks=5, row=row, col=column)
     for column, found in enumerate(parts, start=2):
         shown = {part.channel for part in found}
@@ -102,8 +108,8 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
     small_titles(figure)
     figure.update_xaxes(range=[0, 1], col=1)
     figure.update_xaxes(title_text="predicted probability of less, –", row=len(channels), col=1)
-    figure.update_xaxes(title_text="place in the orbit, –", row=len(channels), col=2)
-    figure.update_xaxes(title_text="forecast, h", row=len(channels), col=3)
+    for column, (_, axis) in enumerate(by, start=2):
+        figure.update_xaxes(title_text=axis, row=len(channels), col=column)
     return figure
 
 
