@@ -55,3 +55,14 @@ def test_a_driver_that_lies_beyond_a_loads_table_is_told(tmp_path: Path):
     written["simulator"]["loads"]["sun"]["table"][1][0] = "1 A"
     small.load(tmp_path, written)
     assert "beyond its table" not in run(app, ["lint", str(tmp_path / "scenario.yaml")]).output
+
+
+def test_a_number_that_its_parameters_prior_does_not_reach_is_told(tmp_path: Path):
+    written = small.content()
+    assert written["parameters"]["power"]["sets"] == "heaters.heater.power"
+    for watts, told in (("30 W", False), ("45 W", False), ("30 kW", True)):
+        written["simulator"]["heaters"]["heater"]["power"] = watts
+        small.load(tmp_path, written)
+        result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+        assert result.exit_code == 0, result.output
+        assert ("advice: parameters.power: its prior is from 15 to 45" in result.output) is told

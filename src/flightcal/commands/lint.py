@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 _MOST_GAPS = 3
 """Gaps of a driver that are told, the longest."""
+_RARE = 1e-9
+"""Probability of a prior, beyond which nobody means what is written."""
+_ALIKE = 0.1
+"""Of the prior's range, by which what is written may lie beyond it."""
 _MUCH = 0.5
 """Share of a driver's samples beyond a table, from which it is told."""
 _SHORT = 10.0
@@ -85,7 +89,8 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
     """What is not wrong, and had better be otherwise; rows: of all windows to train on."""
     import numpy as np
 
-    from ..scenario import SimulatorModel, noise_of, table_places
+    from ..probability import Priors
+    from ..scenario import SimulatorModel, noise_of, table_places, written_values
     from ..telemetry import ENOUGH, LONG, MANY, dense_channels, quantisation_step, sampled_every
 
     dense, length = dense_channels(data), ENOUGH
@@ -113,6 +118,15 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
                     f"telemetry.channels.{channel}: no sample is from {span.start.isoformat()} to "
                     f"{span.end.isoformat()}, which 'leave_out' names; check its dates"
                 )
+    priors = Priors(tuple(scenario.parameters), tuple(own.prior for own in scenario.parameters.values()))
+    lowest, highest = (priors.quantile(share) for share in (_RARE, 1.0 - _RARE))
+    for (name, value), low, high in zip(written_values(scenario).items(), lowest, highest, strict=True):
+        beyond = max(low - value, value - high) > _ALIKE * (high - low)
+        if beyond and (sets := scenario.parameters[name].sets):
+            yield (
+                f"parameters.{name}: its prior is from {low:.3g} to {high:.3g} (SI), and {sets[0]} is written as "
+                f"{value:.3g}; the prior is what counts: check the units of both"
+            )
     for name, load in scenario.simulator.loads.items() if isinstance(scenario.simulator, SimulatorModel) else ():
         driver = scenario.telemetry.channels[load.driver]
         values = data[load.driver].values[np.isfinite(data[load.driver].values)]
