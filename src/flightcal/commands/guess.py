@@ -34,7 +34,6 @@ _SHORTEST_WORD = 3
 _EXACT = 0.1
 """K by which what a sensor reads at its heater's switches differs anyway."""
 _ICE_POINT = 273.15
-_SECOND = np.timedelta64(1, "s")
 _PERIODS = (85 * 60.0, 25 * 3600.0)
 """s, of the lowest orbit and of a geostationary one."""
 _LOOKED_AT, _SAMPLES, _FEWEST, _TURNS = 10 * 86400.0, 4000, 50, 2.5
@@ -119,7 +118,9 @@ def windows(dataset: xarray.Dataset, packets: Mapping[str, str], period: float |
     """
     times = dataset["time"].values
     valid = {name: times[np.isfinite(dataset[name].values)] for name in packets}
-    apart = min((float(np.median(np.diff(own)) / _SECOND) for own in valid.values() if len(own) > 1), default=0.0)
+    apart = min(
+        (float(np.median(np.diff(own)) / np.timedelta64(1, "s")) for own in valid.values() if len(own) > 1), default=0.0
+    )
     longest = max(_LONGEST, np.timedelta64(round(max(_ORBITS * (period or 0.0), _ENOUGH * apart)), "s"))
     stretches = {name: _stretches(own) for name, own in valid.items()}
     common: list[_Stretch] | None = None

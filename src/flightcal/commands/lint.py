@@ -87,11 +87,16 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
 
 def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str]:
     """What is not wrong, and had better be otherwise; rows: of all windows to train on."""
-    import numpy as np
+    yield from _of_sampling(data, rows)
+    yield from _of_channels(scenario, data)
+    yield from _of_priors(scenario)
+    yield from _of_tables(scenario, data)
+    yield from _of_observations(scenario, data)
 
-    from ..probability import Priors
-    from ..scenario import SimulatorModel, noise_of, table_places, written_values
-    from ..telemetry import ENOUGH, LONG, MANY, dense_channels, quantisation_step, sampled_every
+
+def _of_sampling(data: xarray.Dataset, rows: int) -> Iterator[str]:
+    """Of samples that means would tell as much as."""
+    from ..telemetry import ENOUGH, LONG, MANY, dense_channels
 
     dense, length = dense_channels(data), ENOUGH
     if not dense and rows > MANY:
@@ -103,6 +108,14 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
             f"write 'average: {length:g} s' below 'telemetry:': means tell as much of temperatures that change in "
             "minutes, and calibration takes a fraction of the time and memory"
         )
+
+
+def _of_channels(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of drivers that are held though they are sampled, and of samples to leave out that are not there."""
+    import numpy as np
+
+    from ..telemetry import sampled_every
+
     times, half = data["time"].values, np.timedelta64(round(5e8 * data.attrs.get("average_s", 0.0)), "ns")
     for channel, own in scenario.telemetry.channels.items():
         every = sampled_every(data, channel) if own.kind == "driver" and own.fill == "hold" else None
@@ -118,6 +131,13 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
                     f"telemetry.channels.{channel}: no sample is from {span.start.isoformat()} to "
                     f"{span.end.isoformat()}, which 'leave_out' names; check its dates"
                 )
+
+
+def _of_priors(scenario: Scenario) -> Iterator[str]:
+    """Of numbers that the priors in their place do not reach."""
+    from ..probability import Priors
+    from ..scenario import written_values
+
     priors = Priors(tuple(scenario.parameters), tuple(own.prior for own in scenario.parameters.values()))
     lowest, highest = (priors.quantile(share) for share in (_RARE, 1.0 - _RARE))
     for (name, value), low, high in zip(written_values(scenario).items(), lowest, highest, strict=True):
@@ -127,17 +147,36 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
                 f"parameters.{name}: its prior is from {low:.3g} to {high:.3g} (SI), and {sets[0]} is written as "
                 f"{value:.3g}; the prior is what counts: check the units of both"
             )
-    for name, load in scenario.simulator.loads.items() if isinstance(scenario.simulator, SimulatorModel) else ():
-        driver = scenario.telemetry.channels[load.driver]
+
+
+def _of_tables(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of drivers that lie beyond the tables of loads."""
+    import numpy as np
+
+    from ..scenario import SimulatorModel, table_places
+
+    loads = scenario.simulator.loads if isinstance(scenario.simulator, SimulatorModel) else {}
+    for name, load in loads.items():
         values = data[load.driver].values[np.isfinite(data[load.driver].values)]
-        places = table_places(load, driver) if load.table else [-np.inf, np.inf]
+        if not load.table or not len(values):
+            continue
         values = np.abs(values) if load.absolute else values
-        outside = np.mean((values < places[0]) | (values > places[-1])) if len(values) else 0.0
+        first, *_, last = table_places(load, scenario.telemetry.channels[load.driver])
+        outside = np.mean((values < first) | (values > last))
         if outside > _MUCH:
             yield (
                 f"simulator.loads.{name}: {outside:.0%} of the samples of '{load.driver}' lie beyond its table, whose "
                 f"ends then count; check 'unit' of '{load.driver}'"
             )
+
+
+def _of_observations(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of a status that never changes, and of correlated noise beside steps that it does not explain."""
+    import numpy as np
+
+    from ..scenario import noise_of
+    from ..telemetry import quantisation_step
+
     for channel, item in scenario.observations.items():
         on = data[channel].values[np.isfinite(data[channel].values)]
         if item.heater is not None and len(on) and (on == on[0]).all():

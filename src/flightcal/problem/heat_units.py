@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 from ..environment import orbit_phase, seconds_later
 from ..probability import pattern, waves
-from ..simulator import FloatArray, IntArray, SimulationFailure, step_weights
+from ..simulator import FloatArray, IntArray, SimulationFailure, spread, step_weights
 from .heat_model import LEAST_POWER, HeatModel, heat_changed, uncertainty
 from .window import Window
 
@@ -108,8 +108,8 @@ def _one_node(model: HeatModel, node: Sequence[int]) -> FloatArray:
 
 def _in_steps(weights: csr_array, values: FloatArray) -> FloatArray:
     """[f, 2 K] of values [f, M], by what `step_weights` gives."""
-    ends = (weights @ values.T).reshape(2, weights.shape[0] // 2, len(values))
-    return np.ascontiguousarray(ends.transpose(2, 1, 0)).reshape(len(values), weights.shape[0])
+    in_order = np.ascontiguousarray(np.moveaxis(spread(weights, values), 1, 2))
+    return in_order.reshape(len(values), weights.shape[0])
 
 
 def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:

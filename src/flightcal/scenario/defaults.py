@@ -8,7 +8,6 @@ from .network import SimulatorModel
 from .priors import HalfNormal, LogNormal
 from .residuals import Discrepancy, Noise, PhaseDiscrepancy
 from .schema import Scenario
-from .units import kind_of
 
 _FINEST = 5e-3
 """K, error of the integration that no telemetry shows."""
@@ -73,8 +72,7 @@ def _without_an_orbit(scenario: Scenario, heat: Heat) -> Heat:
 
 def _angle(scenario: Scenario) -> str | None:
     """The driver that is an angle, of several that which loads follow; None: there is not one alone."""
-    measured = {name: own.unit for name, own in scenario.telemetry.channels.items() if own.kind == "driver"}
-    angles = [name for name, unit in measured.items() if unit is not None and kind_of(unit) == "an angle"]
+    angles = [name for name, own in scenario.telemetry.channels.items() if own.kind == "driver" and own.is_angle]
     followed = {load.driver for load in scenario.network.loads.values()}
     one = [name for name in angles if name in followed] or angles
     return one[0] if len(one) == 1 else None

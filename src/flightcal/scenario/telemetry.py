@@ -24,7 +24,7 @@ from .fields import (
     TimeFormat,
     of_length,
 )
-from .units import HOTTEST, Duration, Quantity, si_unit, to_si
+from .units import HOTTEST, Duration, Quantity, kind_of, si_unit, to_si
 
 
 class TimeColumn(Block):
@@ -149,6 +149,11 @@ class Channel(Block):
         """Whether its cells are words that mean on or off, or have bits that do."""
         of_words = self.bits is not None or not self.model_fields_set.isdisjoint(("on", "off"))
         return self.threshold is None and (self.kind == "status" or (self.kind == "driver" and of_words))
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether its unit is that of an angle."""
+        return self.unit is not None and kind_of(self.unit) == "an angle"
 
     @property
     def says_on(self) -> str:

@@ -142,7 +142,12 @@ def in_steps(times: FloatArray, values: FloatArray, grid: FloatArray) -> FloatAr
 
     Times do not decrease and cover the grid; two at the same time mark a jump.
     """
-    return np.asarray((step_weights(times, grid) @ values.T).T).reshape(len(values), 2, len(grid) - 1)
+    return spread(step_weights(times, grid), values)
+
+
+def spread(weights: csr_array, values: FloatArray) -> FloatArray:
+    """The same of values [q, M], by the `step_weights` of their times: [q, 2, K]."""
+    return np.asarray((weights @ values.T).T).reshape(len(values), 2, weights.shape[0] // 2)
 
 
 def step_weights(times: FloatArray, grid: FloatArray) -> csr_array:

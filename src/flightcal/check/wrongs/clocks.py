@@ -58,19 +58,20 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS, apart: fl
     for late in map(float, seconds):
         if abs(late) < least:
             continue
-        hour, moved = _an_hour(late, view.window.period), f"Moved {minutes(late)} {'back' if late > 0 else 'on'}"
+        hour = _an_hour(late, view.window.period)
+        agrees = (
+            "sunlight, eclipses and modes; whole orbits more or less may be as good"
+            f"{f', such as {hour}' if hour else ''}"
+        )
+        check = "Check the time column: its zone, its leap seconds, the epoch of the orbit"
+        if view.window.scenario.environment.orbit is None:
+            agrees = "the timeline of modes"
+            check = "Check the zone of the time column, its leap seconds, and the timeline's"
         words = Words(
             f"The telemetry's clock is {off(late)}",
-            f"{moved}, the telemetry agrees with sunlight, eclipses and modes; whole orbits more or less may be as "
-            f"good{f', such as {hour}' if hour else ''}.",
-            f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
+            f"Moved {minutes(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with {agrees}.",
+            f"{check}; shift it by {-late:+.0f} s",
         )
-        if view.window.scenario.environment.orbit is None:
-            words = Words(
-                words.title,
-                f"{moved}, the telemetry agrees with the timeline of modes.",
-                f"Check the zone of the time column, its leap seconds, and the timeline's; shift it by {-late:+.0f} s",
-            )
         less = late - round(late / view.window.period) * view.window.period
         near = partial(clocks, view, np.union1d(closer(late, apart), closer(less, apart)), _NARROWER * apart)
         tries = len(SHIFTS) * (_WHOLE_ORBITS if abs(late) > 0.5 * view.window.period else 1.0)
@@ -282,12 +283,14 @@ def packet_clocks(
 
 
 def driver_clocks(
-    view: View, seconds: Sequence[float] | FloatArray | None = None, only: str | None = None, apart: float = SHIFT
+    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None, apart: float = SHIFT
 ) -> Iterator[Wrong]:
-    """Time tags of a driver are late or early, by more than what lies between two of its samples."""
+    """Time tags of a driver are late or early, by more than what lies between two of its samples.
+
+    Not by hours: so moved, a driver that hardly heats may help a model that is only too simple.
+    """
     drivers = _drivers(view)
-    # By hours a driver that hardly heats may help a model that is only too simple.
-    for driver, late in product(sorted(drivers), map(float, _FEW_SHIFTS if seconds is None else seconds)):
+    for driver, late in product(sorted(drivers), map(float, seconds)):
         if only not in (None, driver) or abs(late) < view.apart([driver]):
             continue
         try:

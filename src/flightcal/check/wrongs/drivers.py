@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import FlightcalError
 from ...problem import Window
 from ...report import number
-from ...scenario import Load, kind_of, load_coefficient
+from ...scenario import Load, load_coefficient
 from ...simulator import FloatArray
 from ..evidence import Fit
 from ..sunlight import FINE
@@ -185,9 +185,8 @@ def tables(view: View) -> Iterator[Wrong]:
 def angles(view: View) -> Iterator[Wrong]:
     """The angle that a load's table is over is in another unit, or counts from another axis or the other way round."""
     scenario = view.window.scenario
-    loads = {name: load for name, load in scenario.network.loads.items() if load.table}
-    units = {name: scenario.telemetry.channels[load.driver].unit for name, load in loads.items()}
-    over = {name: load for name, load in loads.items() if (unit := units[name]) and kind_of(unit) == "an angle"}
+    channels, loads = scenario.telemetry.channels, scenario.network.loads
+    over = {name: load for name, load in loads.items() if load.table and channels[load.driver].is_angle}
     for (name, load), (said, advice, scale, offset) in product(over.items(), _OF_ANGLES):
         words = Words(
             f"The angle {load.driver} {said}",

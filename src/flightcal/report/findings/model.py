@@ -137,6 +137,7 @@ def _wandering_heat(run: RunFiles) -> list[Finding]:
 
 
 def _find(node: str) -> str:
+    """What to do next where a node has much heat that nobody describes."""
     return f"Find what heats or cools {node} and the scenario lacks: a mode's power, a load, a pass, a shadow."
 
 

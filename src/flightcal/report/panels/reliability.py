@@ -81,14 +81,12 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
     channels = names(prediction, "channel")
     time = prediction["time"].values
     transforms = probability_integral_transform(prediction)
-    by = {
-        ("by place", "place in the orbit, –"): coverage_by_phase(prediction),
-        ("by hour", "forecast, h"): coverage_by_hour(prediction),
-    }
+    by = [("by hour", "forecast, h", coverage_by_hour(prediction))]
     # Without an orbit there is no place in it.
-    by = {what: found for what, found in by.items() if found or what[0] != "by place"}
-    parts = list(by.values())
-    titles = [title for channel in channels for title in (channel.replace("_", " "), *(title for title, _ in by))]
+    if by_place := coverage_by_phase(prediction):
+        by.insert(0, ("by place", "place in the orbit, –", by_place))
+    parts = [found for _, _, found in by]
+    titles = [title for channel in channels for title in (channel.replace("_", " "), *(title for title, _, _ in by))]
     figure, height = plots(titles, 1 + len(by), ROW_HEIGHT, horizontal_spacing=0.09)
     nominal = float(prediction.attrs.get("interval", 0.95))
     lowest = min([0.8, *(max(part.share - 0.05, 0.0) for found in parts for part in found)])
@@ -108,7 +106,7 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
     small_titles(figure)
     figure.update_xaxes(range=[0, 1], col=1)
     figure.update_xaxes(title_text="predicted probability of less, –", row=len(channels), col=1)
-    for column, (_, axis) in enumerate(by, start=2):
+    for column, (_, axis, _) in enumerate(by, start=2):
         figure.update_xaxes(title_text=axis, row=len(channels), col=column)
     return figure
 
