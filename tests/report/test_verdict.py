@@ -1,6 +1,7 @@
 """Whether a run can be used, for what, and why; and with which exit code it ends."""
 
 import dataclasses
+import json
 import re
 
 import numpy as np
@@ -8,11 +9,12 @@ import pytest
 
 from flightcal.calibration import EMULATOR_ERROR
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
+from flightcal.prediction import ANY
 from flightcal.prediction.holding import replicate
 from flightcal.report.comparison_page import _covers
 from flightcal.report.findings import in_few_words, unseen
 from flightcal.report.findings.finding import value_of
-from flightcal.report.panels.picture import choose
+from flightcal.report.panels.picture import choose, holdings
 from flightcal.report.verdict import CONVERGED, HOLD, RIGHT, verdict_of
 
 from .synthetic_run import panels
@@ -95,6 +97,19 @@ def test_five_kelvin_in_the_test_window_alone_are_a_failure(run):
     assert states(judged) == {CONVERGED: "good", RIGHT: "good", HOLD: "bad"}
     assert judged.exit_code == MODEL_FAILED
     assert "3 of 3 channels" in judged.answers[2].worst.title
+
+
+def test_intervals_that_hold_are_told_with_the_least_that_they_cover_and_what_training_had_not(run):
+    right = fitted(run)
+    window = right.windows["test"]
+    share = holdings(right)["test"].coverage.min()
+    assert verdict_of(right).answers[2].worst.title == (
+        f"Intervals hold on “test”, in every channel: {100 * share:.1f}% inside or more"
+    )
+    elsewhere = window.assign_attrs(unseen=json.dumps([{"name": ANY, "share": 0.38}]))
+    told = verdict_of(dataclasses.replace(right, windows={**right.windows, "test": elsewhere})).answers[2]
+    assert told.worst.title.endswith("inside or more; 38% of “test” is outside of what training contained")
+    assert told.state == "good"
 
 
 def test_a_channel_that_does_not_hold_is_left_out_of_the_use(run):

@@ -41,7 +41,7 @@ def holding(run: RunFiles) -> Finding:
     failed: dict[str, None] = {}
     channels: dict[str, None] = {}
     few: dict[str, tuple[float, str]] = {}
-    worst, details = ("", "", "", math.inf), []
+    worst, lowest, details = ("", "", "", math.inf), 1.0, []
     for name, held in judged.items():
         window = windows[name]
         words = []
@@ -49,7 +49,7 @@ def holding(run: RunFiles) -> Finding:
             share, lower, upper = held.coverage[k], held.lower[k], held.upper[k]
             if not np.isfinite(share):
                 continue
-            channels[channel] = None
+            channels[channel], lowest = None, min(lowest, share)
             said = f"{channel} {percent(share)} ({percent(lower)} to {percent(upper)})"
             if held.room[k] < 0.0:
                 failed[channel] = None
@@ -82,7 +82,10 @@ def holding(run: RunFiles) -> Finding:
     if not failed:
         if not few:
             text = f"{text}{_told(list(judged.values()))}"
-            return Finding("good", f"Intervals hold on {over}, in every channel", text, tuple(details))
+            title = f"Intervals hold on {over}, in every channel: {percent(lowest)} inside or more"
+            farthest = max(windows, key=lambda name: unseen_share(windows[name]))
+            title += _outside(windows[farthest], f"“{farthest}”")
+            return Finding("good", title, text, tuple(details))
         channel, (share, name) = min(few.items(), key=lambda own: own[1])
         title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
         title += _outside(windows[name])
@@ -190,10 +193,10 @@ def _beside(off: float) -> str:
     return f"{number(abs(off), 2)} K {'above' if off > 0.0 else 'below'} the prediction"
 
 
-def _outside(window: xr.Dataset) -> str:
+def _outside(window: xr.Dataset, where: str = "the window") -> str:
     """To be added to what a title says of a window, where much of it is outside of what training contained."""
     share = unseen_share(window)
-    return f"; {percent(share, 0)} of the window is outside of what training contained" if share > _OUTSIDE else ""
+    return f"; {percent(share, 0)} of {where} is outside of what training contained" if share > _OUTSIDE else ""
 
 
 def _then(name: str, window: xr.Dataset, otherwise: str) -> str:
