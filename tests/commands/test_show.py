@@ -9,8 +9,8 @@ from flightcal.cli import USER_ERROR, app
 from tests.commands.kept_run import cells_of, change, write_json, write_kept
 
 
-def show(*arguments):
-    return CliRunner().invoke(app, ["show", *map(str, arguments)], env={"COLUMNS": "100"})
+def show(*arguments, columns=100):
+    return CliRunner().invoke(app, ["show", *map(str, arguments)], env={"COLUMNS": str(columns)})
 
 
 def test_the_verdict_the_parameters_and_the_files_are_printed(tmp_path):
@@ -29,6 +29,14 @@ def test_the_verdict_the_parameters_and_the_files_are_printed(tmp_path):
 
 def test_every_quantity_is_printed_where_it_is_asked_for(tmp_path):
     assert "initial.body, degC" in show(write_kept(tmp_path / "run"), "--all").output
+
+
+def test_on_a_narrow_terminal_names_stay_whole_and_the_second_interval_is_below_the_first(tmp_path):
+    name = "conductance_of_the_radiator"
+    lines = show(write_kept(tmp_path / "run", **{name: 0.7}), "--all", columns=80).output.splitlines()
+    (place,) = (k for k, line in enumerate(lines) if name in line)
+    assert cells_of(lines[place]) == [f"{name}, W/K", "0.600", "0.700 [0.640, 0.760]", "97.0%"]
+    assert cells_of(lines[place + 1]) == ["[0.600, 0.800]"]
 
 
 def no_folder(run):

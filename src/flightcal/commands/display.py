@@ -103,7 +103,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
             say(console, f"{window}: {words}", "yellow")
     print_verdict(summary.verdict.record, summary.run, console)
     if rows := chosen(summary.parameters, every=False):
-        console.print(parameter_table(rows))
+        console.print(parameter_table(rows, console))
     say(console, f"report: {summary.report}")
 
 

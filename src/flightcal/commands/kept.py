@@ -17,6 +17,7 @@ from ..run import check_whole, read_json, read_provenance, read_records, typed
 from .printing import table_of
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
 _STAGES: Final = ("nuts", "predict", "results")
@@ -30,6 +31,8 @@ ABOUT: Final = {
     "report.html": "the report",
 }
 """Files of a run that are to be taken away, and what each is."""
+_WIDEST: Final = 1000
+"""Characters, of no console: how wide a table would be."""
 
 
 @dataclass(frozen=True)
@@ -88,22 +91,33 @@ def chosen(parameters: Sequence[Calibrated], every: bool) -> list[Calibrated]:
     return [own for own in parameters if every or own.kind in ("parameter", "drift")]
 
 
-def parameter_table(parameters: Sequence[Calibrated]) -> Table:
-    """Before, after, interval, that if fixed numbers are off where it is known, and how much is the data's word."""
+def parameter_table(parameters: Sequence[Calibrated], console: Console) -> Table:
+    """Before, after, interval, that if fixed numbers are off where it is known, and how much is the data's word.
+
+    Where the console is too narrow for all columns, the interval if fixed numbers are off is below the other.
+    """
+    table = _parameter_table(parameters, beside=True)
+    if console.measure(table, options=console.options.update(max_width=_WIDEST)).maximum <= console.width:
+        return table
+    return _parameter_table(parameters, beside=False)
+
+
+def _parameter_table(parameters: Sequence[Calibrated], beside: bool) -> Table:
     from ..report import interval
 
     is_known = any(own.considered is not None for own in parameters)
-    of_fixed = ", and the interval if fixed numbers are off" if is_known else ""
+    where = "" if beside else " below it"
+    of_fixed = f", and{where} the interval if fixed numbers are off" if is_known else ""
     title = f"Parameters: median before; mean [95%] after{of_fixed}; share from data"
-    columns = ("before", "after", *(["fixed off"] if is_known else []), "data")
+    columns = ("before", "after", *(["fixed off"] if is_known and beside else []), "data")
     table = table_of(title, ("name, unit",), columns, overflow="fold")
     for own in parameters:
-        cells = [f"{own.name}, {own.unit}" if own.unit else own.name]
-        cells.append(interval(own.before, own.before_lower, own.before_upper).partition(" ")[0])
-        cells.append(interval(own.mean, own.lower, own.upper))
+        before = interval(own.before, own.before_lower, own.before_upper).partition(" ")[0]
+        after = [interval(own.mean, own.lower, own.upper)]
         if is_known:
-            cells.append("–" if own.considered is None else interval(own.mean, *own.considered).partition(" ")[2])
-        table.add_row(*map(escape, (*cells, f"{own.from_data:.1%}")))
+            after.append("–" if own.considered is None else interval(own.mean, *own.considered).partition(" ")[2])
+        cells = (f"{own.name}, {own.unit}" if own.unit else own.name, before)
+        table.add_row(*map(escape, (*cells, *(after if beside else ["\n".join(after)]), f"{own.from_data:.1%}")))
     return table
 
 

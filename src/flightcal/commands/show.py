@@ -38,7 +38,7 @@ def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
     print_verdict(kept.verdict, folder, console)
     rows = chosen(kept.parameters, every)
     if rows:
-        console.print(parameter_table(rows))
+        console.print(parameter_table(rows, console))
     if left := len(kept.parameters) - len(rows):
         console.print(f"{left} more with --all: noise, heat and initial temperatures", highlight=False)
     for name, words in ABOUT.items():
