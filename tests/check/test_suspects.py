@@ -142,6 +142,13 @@ def test_what_explains_most_is_looked_at_closely_however_long_its_odds_are():
     assert finalists([*gains, 45.0], [*likely, burst]) == [*likely, burst]
 
 
+def test_each_number_of_an_orbit_that_may_be_wrong_is_looked_at_closely():
+    """That which is wrong may gain less at first look than others, for eclipses last minutes."""
+    numbers = [Wrong("orbit", str(k), Words("", "", ""), closer=lambda: iter(())) for k in range(6)]
+    gains = [40.0, 39.0, 38.0, 30.0, 20.0, 10.0]
+    assert finalists(gains, numbers) == numbers[:5]
+
+
 def test_of_every_other_kind_that_is_not_much_less_likely_one_is_looked_at_closely():
     likely = [Wrong(("bias", "gain", "drift", "slow")[k // 3], str(k), Words("", "", "")) for k in range(12)]
     others = [Wrong("mode", "a", Words("", "", "")), Wrong("mode", "b", Words("", "", ""))]
@@ -274,6 +281,13 @@ def test_a_clock_that_explains_much_is_named_whatever_a_real_satellite_s_model_l
     assert [own.kind for own in ranked([bias, clock, heat], real)] == ["clock", "missing heat"]
     assert ranked([better("clock", fit(3.0, 500.0), 50.0)], real) == []
     assert ranked([better("clock", fit(1.1, 100.0), 25.0)], fit(1.2, 160.0)) == []
+
+
+def test_a_parameter_may_be_farther_off_where_an_orbit_explains_all():
+    """An orbit is found to a tenth of a degree, and something makes up for the rest."""
+    after = fit(0.6, 35.0, size=1.0, farthest=6.0)
+    assert [own.kind for own in ranked([better("orbit", after), better("bias", after)], fit(300.0, 9e4))] == ["orbit"]
+    assert ranked([better("orbit", fit(1.1, 35.0, farthest=6.0))], fit(300.0, 9e4)) == []
 
 
 def test_beside_a_simulator_that_is_only_run_a_wrong_that_leaves_it_far_off_is_not_named():

@@ -30,6 +30,8 @@ something where nothing is wrong."""
 _FAR = 5.0
 """Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
 of them, one is there about as seldom as `CLEAR` says."""
+_FAR_BESIDE = 2.0 * _FAR
+"""The same where a wrong that no model asks for leaves what is usual: an orbit is found to a tenth of a degree."""
 _SHOWN, _NEAR = 3, 0.2
 """So many are named at most, and only if the best is not better by `CLEAR` and by so much of what it explains."""
 
@@ -90,7 +92,12 @@ def ranked(
 ) -> list[Suspicion]:
     """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, or explains much that no
     simple model asks for; and nothing is far off."""
-    near = [(fit, own, own.nats or 0.0) for fit, own in best if fit.farthest < far]
+
+    def is_near(fit: Fit, own: Suspicion) -> bool:
+        beside = fit.is_usual and own.kind in _NOT_IMITATED
+        return fit.farthest < (max(far, _FAR_BESIDE) if beside else far)
+
+    near = [(fit, own, own.nats or 0.0) for fit, own in best if is_near(fit, own)]
     enough = max(_MUCH, _MOST * nothing.lacking)
 
     def explains(fit: Fit, own: Suspicion, nats: float) -> bool:

@@ -179,8 +179,9 @@ def _by_what_is_left(view: View, look: _Look) -> Iterator[Wrong]:
 def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[str] = ()) -> list[Wrong]:
     """Wrongs whose first look is promising, the likeliest first, odds counted, and few of a kind.
 
-    Then the best of kinds that none of these is of, those that explain most, odds or not, the likeliest clock, and of
-    each kind that explains why a status does not do what thresholds say, the likeliest about one of `odd`.
+    Then the best of kinds that none of these is of, those that explain most, odds or not, the likeliest clock, of an
+    orbit that may be wrong each number, and of each kind that explains why a status does not do what thresholds say,
+    the likeliest about one of `odd`.
     """
     found: list[Wrong] = []
     likely = _unlike(sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]))
@@ -195,11 +196,15 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[s
     by_gain = sorted(likely, key=lambda item: -item[0])
     largest = [wrong for gain, wrong in by_gain[:_LARGEST] if gain > _PROMISING]
     clocks = [wrong for gain, wrong in likely if gain > _PROMISING and wrong.kind == "clock"]
+    # An eclipse that is minutes off looks like a number of the orbit that is another.
+    of_orbit: dict[str, Wrong] = {}
     explaining: dict[str, Wrong] = {}
-    for _, wrong in likely:
+    for gain, wrong in likely:
+        if wrong.kind == "orbit" and gain - wrong.odds > enough:
+            of_orbit.setdefault(wrong.about, wrong)
         if wrong.kind in OF_THERMOSTATS and wrong.about in odd:
             explaining.setdefault(wrong.kind, wrong)
-    for wrong in (*largest, *clocks[:1], *explaining.values()):
+    for wrong in (*largest, *clocks[:1], *of_orbit.values(), *explaining.values()):
         if not any(wrong is other for other in found):
             found.append(wrong)
     return found

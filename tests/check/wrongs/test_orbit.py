@@ -39,8 +39,11 @@ def test_another_place_in_the_orbit_is_told_where_attitudes_come_at_times_of_the
     )
 
 
-@pytest.mark.parametrize("elements", ["of a circle", "two lines"])
-def test_an_epoch_that_is_a_day_off_is_tried(tmp_path, elements):
+@pytest.mark.parametrize(("elements", "epoch", "how"), [
+    ("of a circle", "2024-02-29T00:00:00", "1 day later"), ("of a circle", "2023-03-02T00:00:00", "a year later"),
+    ("two lines", "", "1 day later"),
+])  # fmt: skip
+def test_an_epoch_that_is_a_day_or_a_year_off_is_tried(tmp_path, elements, epoch, how):
     written = boxed()
     if elements == "two lines":
         written["environment"]["orbit"] = {"tle": list(LINES)}
@@ -49,10 +52,10 @@ def test_an_epoch_that_is_a_day_off_is_tried(tmp_path, elements):
     if elements == "two lines":
         orbit["tle"][0] = checked(LINES[0].replace("24061.", "24060."))
     else:
-        orbit["epoch"] = "2024-02-29T00:00:00"
+        orbit["epoch"] = epoch
     scenario, _ = small.load(tmp_path, written)
     view = prepared(scenario, data)
-    (wrong,) = [own for own in epochs(view) if "epoch 1 day later" in own.words.sentence]
+    (wrong,) = [own for own in epochs(view) if f"epoch {how}" in own.words.sentence]
     assert (wrong.kind, wrong.about) == ("orbit", "epoch")
     expected = right.simulated(right.window, right.middle)
     apart = [np.abs(view.simulated(own, right.middle) - expected).max() for own in (wrong.window, view.window)]
@@ -117,6 +120,18 @@ def test_the_place_in_an_ellipse_is_named(tmp_path):
     scenario, _ = small.load(tmp_path, written)
     # Without modes a late clock is as good.
     assert "The orbit has another mean anomaly" in [own.title for own in named(scenario, data)]
+
+
+@pytest.mark.slow
+def test_an_eccentricity_with_a_slip_of_the_point_is_named(tmp_path):
+    written = boxed()
+    elements = {"semi_major_axis": "13000 km", "eccentricity": 0.45, "inclination": "60 deg"}
+    orbit, data = flown_on_an_ellipse(tmp_path, written, **elements, argument_of_perigee="90 deg")
+    orbit["eccentricity"] = 0.045
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title == "The orbit has another eccentricity"
+    assert float(first.sentence.split("eccentricity ")[1].split(":")[0]) == pytest.approx(0.45, abs=0.02)
 
 
 LINES = (

@@ -57,42 +57,42 @@ def statuses(view: View) -> Iterator[Wrong]:
 def heaters(view: View) -> Iterator[Wrong]:
     """A heater has another power, or heats another node."""
     blocks = view.window.scenario.network.heaters
-    centre = view.middle
     for name, block in blocks.items():
         on = np.nan_to_num(view.network.drive.measured[:, view.switch_of[name]])
-        if block.node not in view.heat.nodes or not on.any():
-            continue
-        waves = block.power * np.repeat(on, 2)[None]
-        own = view.response(view.window, centre, block.node, waves)
-        if name in view.unknown:
+        if block.node not in view.heat.nodes or not on.any() or name in view.unknown:
             continue
 
         def words(fit: Fit, name: str = name, power: float = block.power) -> Words:
             return _of_power(name, 1.0 + float(fit.added[0]), power)
 
         if view.network.network.paths.index(f"heaters.{name}.power") in view.network.mapping.set_positions:
+            waves = block.power * np.repeat(on, 2)[None]
+            own = view.response(view.window, view.middle, block.node, waves)
             yield Wrong("heater", name, words, columns=own, least=POWER, tries=len(blocks))
         else:
             yield from _powers(view, name, [name], (0.0, *FEW_TIMES, *FACTORS), len(blocks))
         yield from _from_then_on(view, name, np.linspace(0.0, view.network.drive.times[-1], _PARTS + 1)[1:-1], _PARTS)
         for node in view.heat.nodes:
             if node != block.node:
-                moved = view.response(view.window, centre, node, waves) - own
-                yield replace(_elsewhere(view, name, node), columns=moved, least=_MOST, lacked=True)
+                yield _elsewhere(view, name, node)
     if len(blocks) > 1 and not view.unknown:
         yield from _powers(view, "every heater", list(blocks), FEW_TIMES, len(FEW_TIMES))
 
 
 def _elsewhere(view: View, name: str, node: str) -> Wrong:
     """A heater heats another node."""
-    blocks = view.window.scenario.network.heaters
-    written = blocks[name].node
+    model = view.window.scenario.network
+    written = model.heaters[name].node
+    blocks = {**model.heaters, name: model.heaters[name].model_copy(update={"node": node})}
+    changed = view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"heaters": blocks})})
+    network = build_network(changed, view.network.network.heated)
+    window = replace(view.simulated_by(network=network), scenario=changed)
     words = Words(
         f"{name} heats {node}, not {written}",
         f"While {name} is on, {node} rises as {written} should.",
         f"Correct 'node' of {name} in 'simulator: heaters'",
     )
-    return Wrong("heater", name, words, tries=len(blocks) * len(view.heat.nodes))
+    return Wrong("heater", name, words, window=window, tries=len(blocks) * len(view.heat.nodes))
 
 
 def _from_then_on(view: View, name: str, starts: Sequence[float] | FloatArray, parts: float) -> Iterator[Wrong]:
@@ -243,18 +243,10 @@ def _unknown_elsewhere(view: View, name: str, node: str, told: FloatArray | None
 
     told: [K] when the node's temperature says that something heats it.
     """
-    model = view.window.scenario.network
-    heaters = {**model.heaters, name: model.heaters[name].model_copy(update={"node": node})}
-    changed = view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"heaters": heaters})})
-    network = build_network(changed, view.network.network.heated)
     columns = [view.unknown_heat(view.window, view.middle, name, node)]
     if told is not None:
         columns.append(_as_told(view, name, node, told))
-    return replace(
-        _elsewhere(view, name, node),
-        window=replace(view.simulated_by(network=network), scenario=changed),
-        columns=np.concatenate(columns, axis=1),
-    )
+    return replace(_elsewhere(view, name, node), columns=np.concatenate(columns, axis=1))
 
 
 def _as_told(view: View, name: str, node: str, told: FloatArray) -> FloatArray:

@@ -18,9 +18,10 @@ from .wrong import Words, Wrong, closer, driven_otherwise, elsewhere, minutes
 _STEPS = {
     "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
-    "eccentricity": (-0.3, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.3),
 }
-"""Shares of the altitude, rad, and the eccentricity itself."""
+"""Shares of the altitude, and rad."""
+_SHAPES = tuple(np.arange(0.0, 0.95, 0.05).tolist())
+"""Eccentricities that are tried first."""
 _NODES = tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0]).tolist())
 """rad, by which a node is off a little."""
 _KINDS = 5
@@ -45,8 +46,11 @@ _OF_LINE_2 = {
 """Columns of two-line elements, in which a number stands."""
 _BOUNDS = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}
 """rad, of angles that do not go round."""
-_DAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
-"""By which an epoch is off."""
+_EPOCHS = {
+    "2 days earlier": -2.0, "1 day earlier": -1.0, "0.5 days earlier": -0.5, "0.5 days later": 0.5, "1 day later": 1.0,
+    "2 days later": 2.0, "a year earlier": -365.0, "a year later": 365.0,
+}  # fmt: skip
+"""By how many days an epoch is off; two-line elements of another year are refused."""
 _DAY_OF_YEAR = slice(20, 32)
 """Columns of the first of two-line elements."""
 
@@ -80,8 +84,10 @@ def orbits(view: View) -> Iterator[Wrong]:
         tried += [("argument_of_latitude", places)]
     elif isinstance(orbit, KeplerianOrbit) and orbit.eccentricity <= _ROUND and of_its_own:
         tried += [("mean_anomaly", places)]
+    if isinstance(orbit, KeplerianOrbit):
+        shapes = [shape - orbit.eccentricity for shape in _SHAPES]
+        tried += [("eccentricity", tuple(step for step in shapes if abs(step) > 0.5 * _APART["eccentricity"]))]
     if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
-        tried += [("eccentricity", _STEPS["eccentricity"])]
         tried += [(name, places) for name in ("argument_of_perigee", "mean_anomaly")]
     for name, steps in tried:
         for step in steps:
@@ -144,7 +150,7 @@ def _changed(orbit: _Orbit, name: str, step: float) -> tuple[Any, str]:
     if name == "eccentricity" and isinstance(orbit, KeplerianOrbit):
         shape = orbit.eccentricity + step
         lowest = orbit.semi_major_axis * (1.0 - shape) - _GROUND
-        return (shape if shape >= 0.0 and lowest > _LOWEST else None), f"{shape:.2f}"
+        return (shape if shape >= 0.0 and lowest > _LOWEST else None), f"{shape:.3f}"
     angle = float(getattr(orbit, name)) + step
     bounds = _BOUNDS.get(name, (-np.inf, np.inf))
     if name not in _BOUNDS:
@@ -179,11 +185,11 @@ def _other_lines(orbit: TleOrbit, name: str, step: float) -> tuple[tuple[str, ..
 
 
 def epochs(view: View) -> Iterator[Wrong]:
-    """The elements are of some day before or after the one that is written, or of midnight for noon."""
+    """The elements are of some day before or after that which is written, of midnight for noon, or of another year."""
     orbit = view.window.scenario.environment.orbit
     if not isinstance(orbit, CircularOrbit | KeplerianOrbit | TleOrbit) or not view.window.scenario.network.faces:
         return
-    for days in _DAYS:
+    for how, days in _EPOCHS.items():
         update: dict[str, Any]
         if isinstance(orbit, TleOrbit):
             update, text = {"tle": _of_another_day(orbit.tle, days)}, "the first line"
@@ -191,14 +197,13 @@ def epochs(view: View) -> Iterator[Wrong]:
             epoch = orbit.epoch + timedelta(days=days)
             update, text = {"epoch": epoch}, epoch.isoformat(sep=" ")
         other = orbit.model_copy(update=update)
-        how = f"{abs(days):g} day{'s' if abs(days) > 1.0 else ''} {'later' if days > 0 else 'earlier'}"
         words = Words(
             "The orbit's elements are of another epoch",
             f"With an epoch {how}, sunlight and eclipses are those of the telemetry.",
             f"Check the epoch in 'environment: orbit' ({text}), and that all elements are of it",
         )
         yield from driven_otherwise(
-            "orbit", "epoch", words, view, tries=len(_DAYS), scenario=elsewhere(view, orbit=other)
+            "orbit", "epoch", words, view, tries=len(_EPOCHS), scenario=elsewhere(view, orbit=other)
         )
 
 
