@@ -85,6 +85,21 @@ def test_a_stuck_sensor_is_told_by_what_the_model_does_meanwhile():
     assert found(values, np.full(200, 290.0)) is None
 
 
+def test_a_sensor_that_is_stuck_again_and_again_is_told_with_all_stretches():
+    """As are stale rows of one file between those of another, of which a right one is no spike."""
+    values = telemetry()
+    stretches = [slice(30, 64), slice(80, 113), slice(140, 180)]
+    for part in stretches:
+        values[part] = values[part.start]
+    values[178] = telemetry()[178]
+    own = found(values)
+    assert own.title == "body_temp is stuck again and again"
+    assert own.sentence.startswith("3 times it reads one number for 33 samples or more, the first")
+    assert all(own.useless[part.start : part.stop - 2].all() for part in stretches)
+    assert own.useless.sum() < 110
+    assert found(values, np.full(200, 290.0)) is None
+
+
 def test_a_stuck_sensor_is_told_by_where_it_goes_on():
     values = telemetry()
     values[20:32] = values[20]

@@ -71,7 +71,7 @@ class Broken:
 def broken(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
     """What is wrong with a channel's samples [T] K; modelled: [T] K as the simulator has them, NaN: not known."""
     valid = np.flatnonzero(np.isfinite(values))
-    for look in (_filled, _spikes, _held, _stuck, _clipped, _repeating):
+    for look in (_filled, _stuck_often, _spikes, _held, _stuck, _clipped, _repeating):
         found = look(channel, times[valid], values[valid], modelled[valid])
         if found is not None:
             useless = np.zeros(len(values), bool)
@@ -206,6 +206,35 @@ def _held(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled
     )  # fmt: skip
 
 
+def _stuck_often(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
+    """Stretches of equal samples, far longer than all others and not all of one number, that break off motions.
+
+    A sample that is right between them is no spike.
+    """
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(own) != 0.0) + 1])
+    lengths = np.diff(np.append(starts, len(own)))
+    order = np.argsort(-lengths, kind="stable")
+    ordered = lengths[order]
+    apart = np.flatnonzero(ordered[:-1] >= np.maximum(_STUCK, 4 * ordered[1:]))
+    if not len(apart) or apart[-1] == 0:
+        return None
+    stretches = [(int(starts[k]), int(starts[k] + lengths[k])) for k in sorted(order[: apart[-1] + 1])]
+    if len({own[first] for first, _ in stretches}) == 1:
+        return None
+    moved = [_moves(modelled, first, end) for first, end in stretches]
+    jumps = [_jump(times, own, end) for _, end in stretches]
+    breaks = [_breaks_off(times, own, *place, jump) for place, jump in zip(stretches, jumps, strict=True)]
+    if not (min(moved) >= max(_MOVES, 4.0 * step_of(own)) and all(breaks)):
+        return None
+    useless = np.any([_between(own, first, end) for first, end in stretches], axis=0)
+    return Broken(
+        "stuck", channel, f"{channel} is stuck again and again",
+        f"{len(stretches)} times it reads one number for {ordered[apart[-1]]} samples or more, the first time from "
+        f"{moment(times[stretches[0][0]])} UTC on; meanwhile the model moves by {number(min(moved), 2)} K or more.",
+        _leave_out(channel, times, useless), useless,
+    )  # fmt: skip
+
+
 def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
     if not len(own):
         return None
@@ -214,14 +243,12 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
     longest = int(np.argmax(lengths))
     first, last = starts[longest], starts[longest] + lengths[longest] - 1
     others, steps = np.delete(lengths, longest), np.sort(np.abs(own[starts[1:]] - own[starts[1:] - 1]))
-    known = modelled[first : last + 1][np.isfinite(modelled[first : last + 1])]
-    moves = float(np.ptp(known)) if len(known) else 0.0
-    follows = last + 1 < len(own) and times[last + 1] - times[last] <= _GAP * np.median(np.diff(times))
-    jump = abs(float(own[last + 1] - own[last])) if follows else 0.0
+    jump = _jump(times, own, last + 1)
     least = max(_MOVES, 4.0 * float(steps[0])) if len(steps) else _MOVES
+    moves = _moves(modelled, first, last + 1)
     long = lengths[longest] >= max(_STUCK, 4 * int(others.max(initial=0)))
     half = int(lengths[longest]) // 2
-    elsewhere = _usual_move(own, first, last + 1, half) if long and not len(known) else 0.0
+    elsewhere = _usual_move(own, first, last + 1, half) if long and np.isnan(moves) else 0.0
     if long and moves >= least:
         words = f"meanwhile the model moves by {number(moves, 2)} K"
     elif elsewhere >= least and _breaks_off(times, own, first, last + 1, jump):
@@ -241,6 +268,18 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
         f"It reads {number(float(own[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; {words}.",
         _leave_out(channel, times, useless) if len(others) else f"Leave {channel} out of 'observations'", useless,
     )  # fmt: skip
+
+
+def _jump(times: NDArray[np.datetime64], own: FloatArray, end: int) -> float:
+    """K to the first of the samples [t] after a stretch; 0 where there is none, or a gap before it."""
+    follows = end < len(own) and times[end] - times[end - 1] <= _GAP * np.median(np.diff(times))
+    return abs(float(own[end] - own[end - 1])) if follows else 0.0
+
+
+def _moves(modelled: FloatArray, first: int, end: int) -> float:
+    """K by which the model [t] moves in a stretch; NaN where it is not known."""
+    known = modelled[first:end][np.isfinite(modelled[first:end])]
+    return float(np.ptp(known)) if len(known) else np.nan
 
 
 def stuck_throughout(
