@@ -67,6 +67,17 @@ def test_two_drivers_that_are_exchanged_are_named(tmp_path):
     assert first.title == "The drivers bus and sun are exchanged"
 
 
+def test_a_load_in_another_node_is_named(tmp_path):
+    written = small.content()
+    _, data = small.closed_loop(tmp_path, written)
+    ((name, load),) = written["simulator"]["loads"].items()
+    right = load["node"]
+    load["node"] = next(node for node in written["simulator"]["nodes"] if node not in (right, "space"))
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title == f"Load {name} heats {right}, not {load['node']}"
+
+
 def with_a_table(folder, *factors):
     """The satellite with a camera that is off, waits or works, and telemetry of it with the factors 0, 0.3 and 1."""
     written = small.content()

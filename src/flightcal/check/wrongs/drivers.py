@@ -16,7 +16,7 @@ from ...simulator import FloatArray
 from ..evidence import Fit
 from ..sunlight import FINE
 from ..view import View, pieces
-from .wrong import FACTORS, FEW_TIMES, LACKED, PIECES, POWER, Words, Wrong, flow_through, load_series, put
+from .wrong import FACTORS, FEW_TIMES, LACKED, PIECES, POWER, Words, Wrong, flow_through, load_series, put, with_model
 
 _MOST_POINTS = 6
 """Of a table, any two of which may be exchanged."""
@@ -158,6 +158,24 @@ def other_columns(view: View) -> Iterator[Wrong]:
         yield from _driven(view, {a: (loads[a], second), b: (loads[b], first)}, words, len(pairs))
 
 
+def other_nodes(view: View) -> Iterator[Wrong]:
+    """A load heats another node than the scenario says."""
+    model = view.window.scenario.network
+    for name, load in model.loads.items():
+        for node in view.heat.nodes:
+            if node == load.node or load.node not in view.heat.nodes:
+                continue
+            loads = {**model.loads, name: load.model_copy(update={"node": node})}
+            words = Words(
+                f"Load {name} heats {node}, not {load.node}",
+                f"With what {load.driver} says in {node}, the model explains the telemetry.",
+                f"Correct 'node' of {name} in 'simulator: loads'",
+            )
+            # A model that is only too simple asks for it too: it is no slip of a driver.
+            tries = len(model.loads) * len(view.heat.nodes)
+            yield Wrong("heater", name, words, window=with_model(view, loads=loads), tries=tries)
+
+
 def tables(view: View) -> Iterator[Wrong]:
     """Two factors in the table of a load are each other's."""
     loads = {name: load for name, load in view.window.scenario.network.loads.items() if load.table}
@@ -223,5 +241,5 @@ def _driven(
     yield Wrong("driver", about, words, window=view.with_inputs(inputs), tries=tries)
 
 
-WRONGS = (drivers, other_columns, tables, angles)
+WRONGS = (drivers, other_columns, other_nodes, tables, angles)
 """What looks for them."""

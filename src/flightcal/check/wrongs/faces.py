@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from ...problem import Window
 from ...report import listed
 from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking
-from ...simulator import FloatArray, build_network, flux_kinds
+from ...simulator import FloatArray, flux_kinds
 from ..view import View
-from .wrong import Words, Wrong, driven_otherwise, put
+from .wrong import Words, Wrong, driven_otherwise, put, with_model
 
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _WAYS: tuple[FaceNormal, ...] = tuple((sign * x, sign * y, sign * z) for x, y, z in _AXES for sign in (1.0, -1.0))
@@ -145,19 +145,16 @@ def _written(way: FaceNormal) -> str:
 
 def elsewhere(view: View) -> Iterator[Wrong]:
     """A face is of another node than the scenario says."""
-    scenario, network = view.window.scenario, view.network.network
-    model = scenario.network
+    model, network = view.window.scenario.network, view.network.network
     pairs = [(name, node) for name, face in model.faces.items() for node in network.own_nodes if node != face.node]
     for name, node in pairs if len(network.own_nodes) <= _MOST_NODES else ():
         faces_of = {**model.faces, name: model.faces[name].model_copy(update={"node": node})}
-        changed = scenario.model_copy(update={"simulator": model.model_copy(update={"faces": faces_of})})
         words = Words(
             f"Face {name} is of {node}, not of {model.faces[name].node}",
             f"With {name} at {node}, the model explains the telemetry.",
             f"Correct 'node' of {name} in 'simulator: faces'",
         )
-        window = view.simulated_by(network=build_network(changed, network.heated))
-        yield Wrong("face", name, words, window=window, tries=len(pairs))
+        yield Wrong("face", name, words, window=with_model(view, faces=faces_of), tries=len(pairs))
 
 
 def _axes(view: View) -> Iterator[Wrong]:

@@ -10,12 +10,12 @@ from itertools import combinations
 import numpy as np
 
 from ...report import number
-from ...simulator import FloatArray, build_network
+from ...simulator import FloatArray
 from ...telemetry import status_fraction
 from ..evidence import Fit
 from ..view import View, known_thermostats
 from .heat import about_switches, by_temperature
-from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, driven_otherwise, status_channels
+from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, driven_otherwise, status_channels, with_model
 
 _NOTHING = 0.05
 """Share of its power, below which a heater does not heat."""
@@ -84,14 +84,12 @@ def _elsewhere(view: View, name: str, node: str) -> Wrong:
     model = view.window.scenario.network
     written = model.heaters[name].node
     blocks = {**model.heaters, name: model.heaters[name].model_copy(update={"node": node})}
-    changed = view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"heaters": blocks})})
-    network = build_network(changed, view.network.network.heated)
-    window = replace(view.simulated_by(network=network), scenario=changed)
     words = Words(
         f"{name} heats {node}, not {written}",
         f"While {name} is on, {node} rises as {written} should.",
         f"Correct 'node' of {name} in 'simulator: heaters'",
     )
+    window = with_model(view, heaters=blocks)
     return Wrong("heater", name, words, window=window, tries=len(blocks) * len(view.heat.nodes))
 
 

@@ -20,6 +20,8 @@ _STEPS = {
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
 }
 """Shares of the altitude, and rad."""
+_LITTLE = (-0.04, -0.02, -0.01, 0.01, 0.02, 0.04)
+"""Shares of a height, by which it is off a little."""
 _SHAPES = tuple(np.arange(0.0, 0.95, 0.05).tolist())
 """Eccentricities that are tried first."""
 _NODES = tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0]).tolist())
@@ -79,7 +81,12 @@ def orbits(view: View) -> Iterator[Wrong]:
     height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
     node = next(name for name in ("raan", "beta_angle", "ltan") if getattr(orbit, name, None) is not None)
     of_node = _STEPS["inclination"] if node == "beta_angle" else nodes
-    tried = [(height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)]
+    heights = _STEPS["altitude"]
+    if isinstance(orbit, KeplerianOrbit):
+        # In an orbit of hours its period tells it to a part of a percent; an apogee may stand for the axis.
+        of_apogee = orbit.semi_major_axis / (1.0 + orbit.eccentricity)
+        heights += (*_LITTLE, (of_apogee - _GROUND) / (orbit.semi_major_axis - _GROUND) - 1.0)
+    tried = [(height, heights), ("inclination", _STEPS["inclination"]), (node, of_node)]
     if isinstance(orbit, CircularOrbit) and of_its_own:
         tried += [("argument_of_latitude", places)]
     elif isinstance(orbit, KeplerianOrbit) and orbit.eccentricity <= _ROUND and of_its_own:
@@ -123,7 +130,10 @@ def _other_orbit(view: View, orbit: _Orbit, name: str, step: float, tries: float
 
     def around() -> Iterator[Wrong]:
         farthest = _APART.get(name, 0.5 * _between_places(view))
-        halvings = 4 if name in _APART else int(np.log2(farthest * _period(view) / (2.0 * np.pi * _CLOSE)))
+        if name in _APART:
+            halvings = 8 if name == "semi_major_axis" else 4
+        else:
+            halvings = int(np.log2(farthest * _period(view) / (2.0 * np.pi * _CLOSE)))
         for more in farthest * 0.5 ** np.arange(halvings):
             for sign in (-1.0, 1.0):
                 yield from _other_orbit(view, orbit, name, step + sign * float(more), tries)

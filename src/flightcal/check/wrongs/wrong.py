@@ -13,7 +13,7 @@ import xarray
 from ...errors import FlightcalError
 from ...problem import Window
 from ...scenario import Attitude, Load, ModeChange, Scenario, load_driver
-from ...simulator import FloatArray, SimulationFailure, divided, in_steps
+from ...simulator import FloatArray, SimulationFailure, build_network, divided, in_steps
 from ...telemetry import driver_series, status_fraction
 from ..evidence import AS_READ, Fit, Scale
 from ..sunlight import FINE, REACH
@@ -195,6 +195,15 @@ def elsewhere(view: View, **changes: Any) -> Scenario:
     """The scenario of a view with another orbit or attitude."""
     scenario = view.window.scenario
     return scenario.model_copy(update={"environment": scenario.environment.model_copy(update=changes)})
+
+
+def with_model(view: View, **blocks: Any) -> Window:
+    """The view's window with other blocks of the simulator's model, such as loads; what acts on it stays."""
+    scenario = view.window.scenario
+    model = scenario.network.model_copy(update=blocks)
+    changed = scenario.model_copy(update={"simulator": model})
+    network = build_network(changed, view.network.network.heated)
+    return replace(view.simulated_by(network=network), scenario=changed)
 
 
 def closer(shift: float, apart: float) -> FloatArray:
