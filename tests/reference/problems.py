@@ -20,7 +20,7 @@ def problem(folder, model, priors, observed, noise, **blocks):
     """The problem of outputs `observed` [T, N], NaN where there is none, of which one is sampled a minute.
 
     model: source of a function simulate(inputs, times, start) in JAX, which returns outputs [T, N]. priors: input ->
-    prior. noise: standard deviation, or a prior of one. blocks: what else the scenario has.
+    prior. noise: standard deviation, or a prior of one; nothing else is lacking. blocks: what else the scenario has.
     """
     folder.mkdir(exist_ok=True)
     samples, outputs = observed.shape
@@ -49,6 +49,7 @@ def problem(folder, model, priors, observed, noise, **blocks):
         "parameters": {name: {"sets": f"inputs.{name}", "prior": prior} for name, prior in priors.items()},
         "observations": {name: {"output": name, "noise": noise} for name in names},
         "windows": {"train": {"start": "2024-03-01T00:00:00", "end": str(times[-1])[:19]}},
+        "discrepancy": "none",
         **blocks,
     }
     with (folder / "scenario.yaml").open("w", encoding="utf-8") as file:

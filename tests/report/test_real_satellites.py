@@ -47,13 +47,13 @@ def short(example: str, folder: Path, *, published: bool = False) -> Path:
         (
             "bupt1/several_windows.yaml", False,
             (
-                "Use it for temperatures of payload_temperature, but not for intervals of parameters.",
+                "Use it for temperatures of payload_temperature, but not for intervals of parameters",
                 "The residuals are not the AR(1) noise that was assumed, worst payload_temperature",
                 "flightcal check scenario.yaml --out checked",
             ),
         ),
-        # Without its pattern over pitch it lacks so much that a wrong of the set-up explains it better than nothing.
-        ("chandra_acis/scenario.yaml", True, ("Do not use it.", "Likely wrong: electronics_temperature")),
+        # Without its pattern over pitch it lacks far more than any wrong of the set-up explains.
+        ("chandra_acis/scenario.yaml", True, ("Do not use it.", "No simple wrong explains the telemetry")),
         ("funcube1/scenario.yaml", True, ("Do not use it.", f"{NOISE} panels_mean", LEAVE)),
         ("leo_observer/published.yaml", False, ("Do not use it.", f"{NOISE} structure_temperature", LEAVE)),
     ],

@@ -79,8 +79,9 @@ def test_a_clock_of_another_zone_is_named_with_the_hours(tmp_path):
     moved = window.model_copy(
         update={"start": window.start + timedelta(hours=5.5), "end": window.end + timedelta(hours=5.5)}
     )
-    first = named(scenario.model_copy(update={"windows": {"train": moved}}), late)[0]
-    assert (first.kind, first.title) == ("clock", "The telemetry's clock is 5.5 h late")
+    found = named(scenario.model_copy(update={"windows": {"train": moved}}), late)[:2]
+    # Without modes whole orbits more or less are as good.
+    assert ("clock", "The telemetry's clock is 5.5 h late") in [(own.kind, own.title) for own in found]
 
 
 @pytest.mark.slow
