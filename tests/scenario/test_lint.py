@@ -240,15 +240,17 @@ KEPLERIAN = (
 
 
 @pytest.mark.parametrize(
-    ("orbit", "overlapping", "free"),
+    ("orbit", "overlapping", "free", "long"),
     [
-        (TLE, "04:03", "04:06"),  # 92.9 min
-        (KEPLERIAN, "04:15", "04:18"),  # 98.6 min
-        (KEPLERIAN + "  period: 90 min\n", "03:57", "04:00"),
+        (TLE, "04:03", "04:06", "92 min"),
+        (KEPLERIAN, "04:15", "04:18", "98 min"),
+        (KEPLERIAN + "  period: 90 min\n", "03:57", "04:00", "90 min"),
     ],
     ids=["tle", "keplerian", "period"],
 )
-def test_window_that_starts_within_two_orbits_of_the_training_window_overlaps_it(lint_edited, orbit, overlapping, free):
+def test_window_that_starts_within_two_orbits_of_the_training_window_overlaps_it(
+    lint_edited, orbit, overlapping, free, long
+):
     circular = "orbit: {altitude: 693 km, inclination: 98.18 deg, ltan: 18:00, epoch: 2024-03-01T00:00:00Z}\n"
 
     def findings(start):
@@ -257,6 +259,7 @@ def test_window_that_starts_within_two_orbits_of_the_training_window_overlaps_it
     assert findings(free) == []
     assert len(findings(overlapping)) == 1
     assert "windows.test: found an overlap with 'train'" in findings(overlapping)[0]
+    assert findings(overlapping)[0].endswith(f"; an orbit takes {long}")
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ _LITTLE = (-0.04, -0.02, -0.01, 0.01, 0.02, 0.04)
 _SHAPES = tuple(np.arange(0.0, 0.95, 0.05).tolist())
 """Eccentricities that are tried first."""
 _NODES = tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0]).tolist())
-"""rad, by which a node is off a little."""
+"""rad, by which a node, or a place in an ellipse, is off a little."""
 _KINDS = 5
 """Of numbers of an orbit that are tried."""
 _FIRST_PLACES = 1200.0
@@ -95,7 +95,7 @@ def orbits(view: View) -> Iterator[Wrong]:
         shapes = [shape - orbit.eccentricity for shape in _SHAPES]
         tried += [("eccentricity", tuple(step for step in shapes if abs(step) > 0.5 * _APART["eccentricity"]))]
     if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
-        tried += [(name, places) for name in ("argument_of_perigee", "mean_anomaly")]
+        tried += [(name, nodes) for name in ("argument_of_perigee", "mean_anomaly")]
     for name, steps in tried:
         for step in steps:
             yield from _other_orbit(view, orbit, name, step, tries=_KINDS * len(steps))

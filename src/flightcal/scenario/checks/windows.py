@@ -51,6 +51,8 @@ def _check_overlap(windows: dict[str, Window], environment: Environment) -> Iter
         for train, span in seen.items():
             if other is not None and other[0] < span[1] and span[0] < other[1]:
                 until = f"{train!r} lasts from {span[0]:%Y-%m-%dT%H:%M} to {span[1]:%Y-%m-%dT%H:%M}"
+                if orbits := windows[train].orbits:
+                    until += f"; an orbit takes {(span[1] - span[0]).total_seconds() / orbits / 60.0:.0f} min"
                 yield Problem(("windows", name), f"found an overlap with {train!r}, expected unseen telemetry: {until}")
         if name in trained:
             seen[name] = trained[name]
