@@ -211,8 +211,7 @@ def _stuck_often(channel: str, times: NDArray[np.datetime64], own: FloatArray, m
 
     A sample that is right between them is no spike.
     """
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(own) != 0.0) + 1])
-    lengths = np.diff(np.append(starts, len(own)))
+    starts, lengths = _runs(own)
     order = np.argsort(-lengths, kind="stable")
     ordered = lengths[order]
     apart = np.flatnonzero(ordered[:-1] >= np.maximum(_STUCK, 4 * ordered[1:]))
@@ -238,8 +237,7 @@ def _stuck_often(channel: str, times: NDArray[np.datetime64], own: FloatArray, m
 def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
     if not len(own):
         return None
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(own) != 0.0) + 1])
-    lengths = np.diff(np.append(starts, len(own)))
+    starts, lengths = _runs(own)
     longest = int(np.argmax(lengths))
     first, last = starts[longest], starts[longest] + lengths[longest] - 1
     others, steps = np.delete(lengths, longest), np.sort(np.abs(own[starts[1:]] - own[starts[1:] - 1]))
@@ -268,6 +266,12 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
         f"It reads {number(float(own[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; {words}.",
         _leave_out(channel, times, useless) if len(others) else f"Leave {channel} out of 'observations'", useless,
     )  # fmt: skip
+
+
+def _runs(own: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where equal samples in a row [t] begin, and how many they are."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(own) != 0.0) + 1])
+    return starts, np.diff(np.append(starts, len(own)))
 
 
 def _jump(times: NDArray[np.datetime64], own: FloatArray, end: int) -> float:

@@ -112,12 +112,13 @@ def _parameter_table(parameters: Sequence[Calibrated], beside: bool) -> Table:
     columns = ("before", "after", *(["fixed off"] if is_known and beside else []), "data")
     table = table_of(title, ("name, unit",), columns, overflow="fold")
     for own in parameters:
-        before = interval(own.before, own.before_lower, own.before_upper).partition(" ")[0]
-        after = [interval(own.mean, own.lower, own.upper)]
+        cells = [f"{own.name}, {own.unit}" if own.unit else own.name]
+        cells.append(interval(own.before, own.before_lower, own.before_upper).partition(" ")[0])
+        cells.append(interval(own.mean, own.lower, own.upper))
         if is_known:
-            after.append("–" if own.considered is None else interval(own.mean, *own.considered).partition(" ")[2])
-        cells = (f"{own.name}, {own.unit}" if own.unit else own.name, before)
-        table.add_row(*map(escape, (*cells, *(after if beside else ["\n".join(after)]), f"{own.from_data:.1%}")))
+            fixed = "–" if own.considered is None else interval(own.mean, *own.considered).partition(" ")[2]
+            cells[2:] = [cells[2], fixed] if beside else [f"{cells[2]}\n{fixed}"]
+        table.add_row(*map(escape, (*cells, f"{own.from_data:.1%}")))
     return table
 
 

@@ -16,7 +16,7 @@ from ...simulator import FloatArray
 from ..evidence import Fit
 from ..sunlight import FINE
 from ..view import View, pieces
-from .wrong import FACTORS, FEW_TIMES, LACKED, PIECES, POWER, Words, Wrong, flow_through, load_series, put, with_model
+from .wrong import FACTORS, FEW_TIMES, LACKED, PIECES, POWER, Words, Wrong, at_node, flow_through, load_series, put
 
 _MOST_POINTS = 6
 """Of a table, any two of which may be exchanged."""
@@ -160,20 +160,19 @@ def other_columns(view: View) -> Iterator[Wrong]:
 
 def other_nodes(view: View) -> Iterator[Wrong]:
     """A load heats another node than the scenario says."""
-    model = view.window.scenario.network
-    for name, load in model.loads.items():
-        for node in view.heat.nodes:
-            if node == load.node or load.node not in view.heat.nodes:
-                continue
-            loads = {**model.loads, name: load.model_copy(update={"node": node})}
-            words = Words(
-                f"Load {name} heats {node}, not {load.node}",
-                f"With what {load.driver} says in {node}, the model explains the telemetry.",
-                f"Correct 'node' of {name} in 'simulator: loads'",
-            )
-            # A model that is only too simple asks for it too: it is no slip of a driver.
-            tries = len(model.loads) * len(view.heat.nodes)
-            yield Wrong("heater", name, words, window=with_model(view, loads=loads), tries=tries)
+    loads, nodes = view.window.scenario.network.loads, view.heat.nodes
+    for name, node in product(loads, nodes):
+        load = loads[name]
+        if load.node not in nodes or load.node == node:
+            continue
+        words = Words(
+            f"Load {name} heats {node}, not {load.node}",
+            f"With what {load.driver} says in {node}, the model explains the telemetry.",
+            f"Correct 'node' of {name} in 'simulator: loads'",
+        )
+        # Of the heaters' kind: a model that is only too simple asks for it too, and for no slip of a driver.
+        window = at_node(view, "loads", name, node)
+        yield Wrong("heater", name, words, window=window, tries=len(loads) * len(nodes))
 
 
 def tables(view: View) -> Iterator[Wrong]:

@@ -13,7 +13,7 @@ from ...report import listed
 from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking
 from ...simulator import FloatArray, flux_kinds
 from ..view import View
-from .wrong import Words, Wrong, driven_otherwise, put, with_model
+from .wrong import Words, Wrong, at_node, driven_otherwise, put
 
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _WAYS: tuple[FaceNormal, ...] = tuple((sign * x, sign * y, sign * z) for x, y, z in _AXES for sign in (1.0, -1.0))
@@ -148,13 +148,12 @@ def elsewhere(view: View) -> Iterator[Wrong]:
     model, network = view.window.scenario.network, view.network.network
     pairs = [(name, node) for name, face in model.faces.items() for node in network.own_nodes if node != face.node]
     for name, node in pairs if len(network.own_nodes) <= _MOST_NODES else ():
-        faces_of = {**model.faces, name: model.faces[name].model_copy(update={"node": node})}
         words = Words(
             f"Face {name} is of {node}, not of {model.faces[name].node}",
             f"With {name} at {node}, the model explains the telemetry.",
             f"Correct 'node' of {name} in 'simulator: faces'",
         )
-        yield Wrong("face", name, words, window=with_model(view, faces=faces_of), tries=len(pairs))
+        yield Wrong("face", name, words, window=at_node(view, "faces", name, node), tries=len(pairs))
 
 
 def _axes(view: View) -> Iterator[Wrong]:

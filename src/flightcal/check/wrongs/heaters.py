@@ -15,7 +15,7 @@ from ...telemetry import status_fraction
 from ..evidence import Fit
 from ..view import View, known_thermostats
 from .heat import about_switches, by_temperature
-from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, driven_otherwise, status_channels, with_model
+from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, at_node, driven_otherwise, status_channels
 
 _NOTHING = 0.05
 """Share of its power, below which a heater does not heat."""
@@ -81,15 +81,14 @@ def heaters(view: View) -> Iterator[Wrong]:
 
 def _elsewhere(view: View, name: str, node: str) -> Wrong:
     """A heater heats another node."""
-    model = view.window.scenario.network
-    written = model.heaters[name].node
-    blocks = {**model.heaters, name: model.heaters[name].model_copy(update={"node": node})}
+    blocks = view.window.scenario.network.heaters
+    written = blocks[name].node
     words = Words(
         f"{name} heats {node}, not {written}",
         f"While {name} is on, {node} rises as {written} should.",
         f"Correct 'node' of {name} in 'simulator: heaters'",
     )
-    window = with_model(view, heaters=blocks)
+    window = at_node(view, "heaters", name, node)
     return Wrong("heater", name, words, window=window, tries=len(blocks) * len(view.heat.nodes))
 
 

@@ -30,8 +30,8 @@ _KINDS = 5
 """Of numbers of an orbit that are tried."""
 _FIRST_PLACES = 1200.0
 """s, between places in an orbit that are tried first: a shadow lasts longer."""
-_APART = {"altitude": 0.05, "semi_major_axis": 0.05, "mean_motion": 0.05, "eccentricity": 0.04}
-"""Around a step, others are tried as far away as this."""
+_AROUND = {"altitude": (0.05, 4), "semi_major_axis": (0.05, 8), "mean_motion": (0.05, 4), "eccentricity": (0.04, 4)}
+"""Around a step, others are tried as far away as this, and nearer by halves, so many."""
 _CLOSE = 2.0
 """s, in which a satellite goes through an angle that matters no more: light panels warm by a kelvin."""
 _ROUND = 0.02
@@ -78,29 +78,33 @@ def orbits(view: View) -> Iterator[Wrong]:
             for step in of_line[name]:
                 yield from _other_orbit(view, orbit, name, step, tries=_KINDS * len(nodes))
         return
-    height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
     node = next(name for name in ("raan", "beta_angle", "ltan") if getattr(orbit, name, None) is not None)
-    of_node = _STEPS["inclination"] if node == "beta_angle" else nodes
-    heights = _STEPS["altitude"]
-    if isinstance(orbit, KeplerianOrbit):
-        # In an orbit of hours its period tells it to a part of a percent; an apogee may stand for the axis.
-        of_apogee = orbit.semi_major_axis / (1.0 + orbit.eccentricity)
-        heights += (*_LITTLE, (of_apogee - _GROUND) / (orbit.semi_major_axis - _GROUND) - 1.0)
-    tried = [(height, heights), ("inclination", _STEPS["inclination"]), (node, of_node)]
-    if isinstance(orbit, CircularOrbit) and of_its_own:
-        tried += [("argument_of_latitude", places)]
-    elif isinstance(orbit, KeplerianOrbit) and orbit.eccentricity <= _ROUND and of_its_own:
-        tried += [("mean_anomaly", places)]
-    if isinstance(orbit, KeplerianOrbit):
-        shapes = [shape - orbit.eccentricity for shape in _SHAPES]
-        tried += [("eccentricity", tuple(step for step in shapes if abs(step) > 0.5 * _APART["eccentricity"]))]
-    if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
-        tried += [(name, nodes) for name in ("argument_of_perigee", "mean_anomaly")]
+    tried = [("inclination", _STEPS["inclination"]), (node, _STEPS["inclination"] if node == "beta_angle" else nodes)]
+    if isinstance(orbit, CircularOrbit):
+        tried += [("altitude", _STEPS["altitude"]), ("argument_of_latitude", places if of_its_own else ())]
+    else:
+        tried += _in_its_plane(orbit, nodes, places if of_its_own else ())
     for name, steps in tried:
         for step in steps:
             yield from _other_orbit(view, orbit, name, step, tries=_KINDS * len(steps))
     if isinstance(orbit, CircularOrbit) and orbit.altitude > _GROUND:
         yield from _other_orbit(view, orbit, "altitude", -_GROUND / orbit.altitude, tries=1.0)
+
+
+def _in_its_plane(
+    orbit: KeplerianOrbit, nodes: tuple[float, ...], places: tuple[float, ...]
+) -> list[tuple[str, tuple[float, ...]]]:
+    """Numbers of an orbit but those of its plane, with the steps that are tried; places: where it is as good as round.
+
+    In an orbit of hours the period tells the axis to a part of a percent, and an apogee may stand for it.
+    """
+    least = 0.5 * _AROUND["eccentricity"][0]
+    shapes = tuple(shape - orbit.eccentricity for shape in _SHAPES if abs(shape - orbit.eccentricity) > least)
+    of_apogee = (orbit.semi_major_axis / (1.0 + orbit.eccentricity) - _GROUND) / (orbit.semi_major_axis - _GROUND) - 1.0
+    tried = [("semi_major_axis", (*_STEPS["altitude"], *_LITTLE, of_apogee)), ("eccentricity", shapes)]
+    if orbit.eccentricity <= _ROUND:
+        return [*tried, ("mean_anomaly", places)]
+    return [*tried, ("argument_of_perigee", nodes), ("mean_anomaly", nodes)]
 
 
 def _period(view: View) -> float:
@@ -129,12 +133,10 @@ def _other_orbit(view: View, orbit: _Orbit, name: str, step: float, tries: float
     )
 
     def around() -> Iterator[Wrong]:
-        farthest = _APART.get(name, 0.5 * _between_places(view))
-        if name in _APART:
-            halvings = 8 if name == "semi_major_axis" else 4
-        else:
-            halvings = int(np.log2(farthest * _period(view) / (2.0 * np.pi * _CLOSE)))
-        for more in farthest * 0.5 ** np.arange(halvings):
+        between = 0.5 * _between_places(view)
+        of_angle = between, int(np.log2(between * _period(view) / (2.0 * np.pi * _CLOSE)))
+        farthest, count = _AROUND.get(name, of_angle)
+        for more in farthest * 0.5 ** np.arange(count):
             for sign in (-1.0, 1.0):
                 yield from _other_orbit(view, orbit, name, step + sign * float(more), tries)
 

@@ -197,11 +197,12 @@ def elsewhere(view: View, **changes: Any) -> Scenario:
     return scenario.model_copy(update={"environment": scenario.environment.model_copy(update=changes)})
 
 
-def with_model(view: View, **blocks: Any) -> Window:
-    """The view's window with other blocks of the simulator's model, such as loads; what acts on it stays."""
+def at_node(view: View, kind: Literal["faces", "heaters", "loads"], name: str, node: str) -> Window:
+    """The view's window with a block of its network in another node; what acts on it stays."""
     scenario = view.window.scenario
-    model = scenario.network.model_copy(update=blocks)
-    changed = scenario.model_copy(update={"simulator": model})
+    blocks = getattr(scenario.network, kind)
+    moved = {**blocks, name: blocks[name].model_copy(update={"node": node})}
+    changed = scenario.model_copy(update={"simulator": scenario.network.model_copy(update={kind: moved})})
     network = build_network(changed, view.network.network.heated)
     return replace(view.simulated_by(network=network), scenario=changed)
 
