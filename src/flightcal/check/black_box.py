@@ -17,8 +17,9 @@ import xarray
 from ..problem import Problem, Runs, Window, initial_priors
 from ..report import number
 from ..simulator import ICE_POINT, FloatArray
+from .comparison import Comparison, Rows, rows_of
 from .evidence import Fit, Gaussian, gaussian
-from .view import WIDENED, Comparison, Point, Rows, rows_of
+from .view import WIDENED, Point
 from .wrongs import COLDEST, HOTTEST, SHIFT, SHIFTS, Words, Wrong, clocks_as_read, wrongs_of_channels
 
 _LEAST = 8

@@ -12,7 +12,8 @@ from ..environment import slew_begins, sunlit_share
 from ..report import number
 from ..scenario import AttitudeTimeline
 from ..simulator import FloatArray
-from .view import INFERRED, View
+from .comparison import INFERRED
+from .view import View
 
 _FEW = 0.1
 """Share of samples that a state has to have, and to lack, to be compared."""

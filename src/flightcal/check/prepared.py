@@ -21,8 +21,9 @@ from ..scenario import (
     TruncatedNormal,
     Uniform,
 )
+from .comparison import INFERRED
 from .thermostat import inferred
-from .view import HEAT, INFERRED, NO_LINK, SHARES, View, view_of
+from .view import HEAT, NO_LINK, SHARES, View, view_of
 
 _MOST_LINKED = 14
 """Nodes, of which any two may be linked."""

@@ -23,6 +23,7 @@ from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import select_window
 from .black_box import Ensemble, compared_by_runs, ensemble_of, no_temperatures, told_by_status
 from .broken import Broken, broken, stuck_throughout
+from .comparison import known_thermostats
 from .evaluate import PriorRuns
 from .evidence import climbed
 from .jumps import Jump, in_words, jumps
@@ -30,7 +31,7 @@ from .misfit import misfit
 from .prepared import prepared
 from .suspicion import BAD, CLEAR, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
 from .thermostat import copied, disobeyed, exchanged
-from .view import View, known_thermostats
+from .view import View
 from .white_box import OF_THERMOSTATS, compared
 
 SUSPECTS_FILE = "suspects.json"

@@ -13,8 +13,8 @@ from ..problem import Window
 from ..report import number
 from ..scenario import Scenario, SimulatorModel
 from ..simulator import ICE_POINT, FloatArray
+from .comparison import known_thermostats
 from .samples import noise_of
-from .view import known_thermostats
 from .wrongs import Words
 
 _BEYOND, _NOISES = 2.0, 4.0

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 from ...simulator import SimulationFailure
-from ..view import Comparison, View
+from ..comparison import Comparison
+from ..view import View
 from . import attitude, channels, clocks, drivers, faces, heat, heaters, orbit, slow, timeline, written
 from .channels import COLDEST, HOTTEST
 from .clocks import clocks_as_read

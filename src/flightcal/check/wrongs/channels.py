@@ -10,8 +10,9 @@ import numpy as np
 
 from ...report import listed, number
 from ...simulator import ICE_POINT, FloatArray
+from ..comparison import Comparison
 from ..evidence import Fit, Scale
-from ..view import Comparison, View
+from ..view import View
 from .wrong import Words, Wrong
 
 _BIASES = ((8.0, 0.8), (40.0, 0.2))

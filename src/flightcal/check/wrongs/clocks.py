@@ -14,8 +14,9 @@ from ...errors import FlightcalError
 from ...problem import Window
 from ...report import listed, number
 from ...simulator import FloatArray
+from ..comparison import Comparison
 from ..sunlight import REACH, ZONES
-from ..view import Comparison, View
+from ..view import View
 from .wrong import (
     SHIFT,
     SHIFTS,

@@ -12,8 +12,9 @@ import numpy as np
 from ...report import number
 from ...simulator import FloatArray
 from ...telemetry import status_fraction
+from ..comparison import known_thermostats
 from ..evidence import Fit
-from ..view import View, known_thermostats
+from ..view import View
 from .heat import about_switches, by_temperature
 from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, at_node, driven_otherwise, status_channels
 
