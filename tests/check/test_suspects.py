@@ -323,6 +323,20 @@ def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
     assert found.misfit.channel in suspected(found)[-1].text
 
 
+@pytest.mark.parametrize("others", [[], ["bias"], ["orbit"]])
+def test_an_orbit_that_all_others_tell_goes_before_a_channel_that_does_not_belong(flown, monkeypatch, others):
+    """A light array alone shows an eclipse that is far off so clearly that nothing else explains it."""
+
+    def tried(view, odd, progress):
+        if np.isfinite(view.observed[:, view.channels.index("panel_temp")]).any():
+            return fit(300.0, 9e4), [better("unrelated", fit(1.0, 10.0), 9e4)]
+        return fit(2.0, 100.0), [better(kind, fit(0.9, 1.0), 60.0) for kind in others]
+
+    monkeypatch.setattr(sys.modules[suspects.__module__], "_tried", tried)
+    first = ["orbit"] if "orbit" in others else []
+    assert [own.kind for own in named(*flown)] == [*first, "unrelated"]
+
+
 def test_a_wrong_beside_which_something_else_is_far_off_is_not_named():
     """Such as a level that is tens of kelvin beside the model, where only the shape agrees."""
     assert ranked([better("unit", fit(0.3, 0.0, size=1.0, farthest=5.5))], fit(1.9, 400.0)) == []

@@ -25,11 +25,11 @@ from .black_box import Ensemble, compared_by_runs, ensemble_of, no_temperatures,
 from .broken import Broken, broken, stuck_throughout
 from .comparison import known_thermostats
 from .evaluate import PriorRuns
-from .evidence import climbed
+from .evidence import Fit, climbed
 from .jumps import Jump, in_words, jumps
 from .misfit import misfit
 from .prepared import prepared
-from .suspicion import BAD, CLEAR, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
+from .suspicion import BAD, CLEAR, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
 from .thermostat import copied, disobeyed, exchanged
 from .view import View
 from .white_box import OF_THERMOSTATS, compared
@@ -154,15 +154,14 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
     """What was found, and what explains the telemetry of a thermal network."""
     if not np.isfinite(view.observed).any():
         return Suspects(tuple(found), True)
+    odd = list(disobeyed(view.window))
     try:
-        base = view.point(view.window, view.middle)
-        nothing = climbed(view, view.window, view.observed, base)
+        nothing, helps = _tried(view, [name for name, _, _ in odd], progress)
+        likely, where = ranked(helps, nothing), None
+        if likely and likely[0].kind == "unrelated":
+            likely = [*_beside_the_unrelated(view, likely, progress), *likely]
     except SimulationFailure as failure:
         return Suspects(tuple(found), False, str(failure))
-    odd = list(disobeyed(view.window))
-    better = compared(view, base, nothing, _concerned(view, [name for name, _, _ in odd]), progress)
-    helps = [(fit, suspicion_of(wrong, fit, nats)) for fit, wrong, nats in better]
-    likely, where = ranked(helps, nothing), None
     if not likely and not nothing.is_usual:
         where = misfit(view, nothing.z)
         likely = unexplained(nothing, where, helps)
@@ -171,6 +170,32 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
         if not kinds & (OF_THERMOSTATS if constant else OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
     return Suspects((*found, *likely), True, "", where)
+
+
+def _tried(view: View, odd: Sequence[str], progress: Progress) -> tuple[Fit, list[tuple[Fit, Suspicion]]]:
+    """How the telemetry is with nothing wrong, and what helps. odd: heaters that do not what their thresholds say.
+
+    Raises SimulationFailure.
+    """
+    base = view.point(view.window, view.middle)
+    nothing = climbed(view, view.window, view.observed, base)
+    better = compared(view, base, nothing, _concerned(view, odd), progress)
+    return nothing, [(fit, suspicion_of(wrong, fit, nats)) for fit, wrong, nats in better]
+
+
+def _beside_the_unrelated(view: View, likely: Sequence[Suspicion], progress: Progress) -> list[Suspicion]:
+    """What explains the telemetry without the channels that seem not to belong to their nodes.
+
+    A light array alone shows to the second when the Sun comes and goes. Where an eclipse is far off, that array is what
+    disagrees most; and what makes the other channels more probable is then wrong for all. Raises SimulationFailure.
+    """
+    unrelated = {own.about for own in likely if own.kind == "unrelated"}
+    nowhere = np.full(view.telemetry.sizes["time"], np.nan)
+    others = replace(view, telemetry=view.telemetry.assign(dict.fromkeys(unrelated, ("time", nowhere))))
+    nothing, helps = _tried(others, [], progress)
+    known = {(own.kind, own.about) for own in likely}
+    better = [own for own in ranked(helps, nothing) if own.kind in NOT_IMITATED]
+    return [own for own in better if (own.kind, own.about) not in known]
 
 
 def _beside_runs(ensemble: Ensemble, found: list[Suspicion]) -> Suspects:

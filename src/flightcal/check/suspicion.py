@@ -22,7 +22,7 @@ BAD, _WORSE = 2.0, 4.0
 where none does."""
 _LEFT = 0.2
 """Share of what a right model has in more than nothing wrong, that one wrong may lack and still be what is named."""
-_NOT_IMITATED = frozenset({"clock", "orbit", "attitude", "driver"})
+NOT_IMITATED = frozenset({"clock", "orbit", "attitude", "driver"})
 """Kinds of wrongs that a model does not ask for which is only too simple:"""
 _MOST, _MUCH = 0.2, 3.0 * CLEAR
 """one that explains so much of it, and so many nats, is named whatever is left. The model of a real satellite lacks
@@ -94,14 +94,14 @@ def ranked(
     simple model asks for; and nothing is far off."""
 
     def is_near(fit: Fit, own: Suspicion) -> bool:
-        beside = fit.is_usual and own.kind in _NOT_IMITATED
+        beside = fit.is_usual and own.kind in NOT_IMITATED
         return fit.farthest < (max(far, _FAR_BESIDE) if beside else far)
 
     near = [(fit, own, own.nats or 0.0) for fit, own in best if is_near(fit, own)]
     enough = max(_MUCH, _MOST * nothing.lacking)
 
     def explains(fit: Fit, own: Suspicion, nats: float) -> bool:
-        much = fit.lacking < left * nothing.lacking or (own.kind in _NOT_IMITATED and nats > enough)
+        much = fit.lacking < left * nothing.lacking or (own.kind in NOT_IMITATED and nats > enough)
         return fit.is_usual or (much and fit.misfit < bad)
 
     least = min((nats for fit, own, nats in near if explains(fit, own, nats)), default=np.inf)
@@ -109,7 +109,7 @@ def ranked(
     named = [
         (own, nats)
         for fit, own, nats in near
-        if explains(fit, own, nats) or (own.kind in _NOT_IMITATED and nats >= least)
+        if explains(fit, own, nats) or (own.kind in NOT_IMITATED and nats >= least)
     ]
     most = max((nats for _, nats in named), default=0.0)
     return [own for own, nats in named[:_SHOWN] if most - nats < max(CLEAR, _NEAR * most)]

@@ -43,7 +43,7 @@ def test_a_driver_with_several_times_the_heat_is_named_by_how_many_times(flown):
 def with_a_bus(folder, **drivers):
     """The satellite with a bus that is switched on and off, whose current heats the body, and telemetry of it.
 
-    drivers: of loads, in the place of those by which it flew.
+    drivers: of loads, in the place of those by which it flew; None: the load is not written.
     """
     written = small.content()
     written["telemetry"]["channels"]["bus"] = {"column": "bus", "kind": "driver", "unit": "A"}
@@ -53,13 +53,29 @@ def with_a_bus(folder, **drivers):
     bus = 0.2 + 0.6 * (minutes % 37 < 15)
     _, data = small.closed_loop(folder, written, columns={"bus": bus})
     for load, driver in drivers.items():
-        loads[load]["driver"] = driver
+        if driver is None:
+            del loads[load]
+        else:
+            loads[load]["driver"] = driver
     return small.load(folder, written, columns={"bus": bus})[0], data
 
 
 def test_a_load_that_follows_another_column_is_named(tmp_path):
     first = named(*with_a_bus(tmp_path, electronics="sun"))[0]
     assert first.title == "Load electronics follows bus, not sun"
+
+
+def test_a_load_that_is_left_out_is_named_by_the_driver_that_nothing_follows(tmp_path):
+    first = named(*with_a_bus(tmp_path, electronics=None))[0]
+    assert first.title == "A load of body is missing in the scenario: bus heats it"
+    assert float(first.sentence.split(" W ")[0].split()[-1]) == pytest.approx(12.0, rel=0.1)
+
+
+def test_a_driver_that_heats_nothing_is_no_load_that_is_left_out(tmp_path):
+    written = small.content()
+    written["telemetry"]["channels"]["bus"] = {"column": "bus", "kind": "driver", "unit": "A"}
+    bus = 0.2 + 0.6 * (np.arange(421) % 37 < 15)
+    assert named(*small.closed_loop(tmp_path, written, columns={"bus": bus})) == ()
 
 
 def test_two_drivers_that_are_exchanged_are_named(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import combinations, product
 
@@ -11,8 +12,9 @@ import numpy as np
 from ...errors import FlightcalError
 from ...problem import Window
 from ...report import number
-from ...scenario import Load, load_coefficient
+from ...scenario import Heat, Load, load_coefficient
 from ...simulator import FloatArray
+from ...telemetry import driver_series
 from ..evidence import Fit
 from ..sunlight import FINE
 from ..view import View, pieces
@@ -175,6 +177,45 @@ def other_nodes(view: View) -> Iterator[Wrong]:
         yield Wrong("heater", name, words, window=window, tries=len(loads) * len(nodes))
 
 
+def left_out(view: View) -> Iterator[Wrong]:
+    """Something heats a node as a driver says that no load follows."""
+    scenario, fine = view.window.scenario, view.network.drive.times
+    over = scenario.heat.pattern.over if isinstance(scenario.heat, Heat) and scenario.heat.pattern else None
+    followed = {over, *(load.driver for load in scenario.network.loads.values())}
+    known = {
+        name: channel
+        for name, channel in scenario.telemetry.channels.items()
+        if channel.kind == "driver" and not channel.is_angle and name not in followed and name in view.telemetry
+    }
+    for (name, channel), node in product(known.items(), view.heat.nodes):
+        times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[name].to_numpy())]
+        if not len(times):
+            continue
+        at = np.clip(view.utc(fine), times[0], times[-1])
+        with suppress(FlightcalError):
+            values = driver_series(view.telemetry, name, at, fill=channel.bridge, period=view.window.period)
+            yield from _as_driver_says(view, name, node, values, len(known) * len(view.heat.nodes))
+
+
+def _as_driver_says(view: View, driver: str, node: str, values: FloatArray, tries: float) -> Iterator[Wrong]:
+    """A node takes heat in proportion to a driver; values: [K + 1] of that at the edges of the simulation's steps."""
+    largest, flow = float(np.abs(values).max()), flow_through(view, node)
+    if np.ptp(values) < LACKED * largest or not flow:
+        return
+    series = np.stack([values[:-1], values[1:]], axis=1).reshape(1, -1) / largest
+    effect = flow * view.response(view.window, view.middle, node, series)
+
+    def words(fit: Fit) -> Words:
+        power = number(flow * float(fit.added[0]), 2)
+        return Words(
+            f"A load of {node} is missing in the scenario: {driver} heats it",
+            f"{node} takes {power} W where {driver} is largest, and no load follows {driver}.",
+            f"Add a load of {node} with 'driver: {driver}' to 'simulator: loads'",
+        )
+
+    yield Wrong("missing heat", f"{driver} {node}", words, columns=effect, least=LACKED, tries=tries)
+
+
 def tables(view: View) -> Iterator[Wrong]:
     """Two factors in the table of a load are each other's."""
     loads = {name: load for name, load in view.window.scenario.network.loads.items() if load.table}
@@ -240,5 +281,5 @@ def _driven(
     yield Wrong("driver", about, words, window=view.with_inputs(inputs), tries=tries)
 
 
-WRONGS = (drivers, other_columns, other_nodes, tables, angles)
+WRONGS = (drivers, other_columns, other_nodes, left_out, tables, angles)
 """What looks for them."""
