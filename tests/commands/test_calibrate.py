@@ -21,7 +21,7 @@ from flightcal.commands import calibrate
 from flightcal.commands.calibrate import run_demo, run_experiment
 from flightcal.commands.display import print_verdict
 from flightcal.commands.simulate import simulate_to_csv
-from flightcal.errors import RunError
+from flightcal.errors import FlightcalError, RunError
 from flightcal.report import write_report
 from flightcal.scenario import lint, load_scenario, settable
 from tests import small
@@ -244,6 +244,18 @@ def test_a_window_to_predict_can_be_added_to_a_finished_run(finished, tmp_path):
     assert {metric.window for metric in second.metrics} == {"train", "test", "later"}
     assert {metric for metric in second.metrics if metric.window != "later"} == set(first.metrics)
     assert "later" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_window_without_telemetry_leaves_a_finished_run_as_it_was(finished, tmp_path):
+    scenario, run, _ = finished
+    shutil.copytree(run, tmp_path / "run")
+    for file in ("scenario.yaml", "telemetry.csv"):
+        shutil.copy(scenario.parent / file, tmp_path)
+    before = {file: file.stat().st_mtime_ns for file in (tmp_path / "run").rglob("*")}
+    beyond = {"start": "2024-04-01T00:30:00", "end": "2024-04-01T03:00:00"}
+    with pytest.raises(FlightcalError, match=r"planned.*found no telemetry"):
+        run_experiment(with_windows(tmp_path / "scenario.yaml", planned=beyond), tmp_path / "run")
+    assert {file: file.stat().st_mtime_ns for file in (tmp_path / "run").rglob("*")} == before
 
 
 def test_telemetry_that_has_grown_is_predicted_by_a_finished_run(finished, tmp_path):

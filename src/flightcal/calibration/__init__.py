@@ -17,6 +17,7 @@ from .diagnostics import (
     least_effective,
     with_gate,
 )
+from .find_heat import with_found_states
 from .heat_file import heat_content, with_kept_heat
 from .methods import calibrate_nuts
 from .mode import climb, find_mode

@@ -13,8 +13,19 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FlightcalError
-from ..problem import Held, Problem, Window, heat_in_prior, held_by, hold, sampled_windows, shifts_of_weights, split
+from ..problem import (
+    Held,
+    Problem,
+    Window,
+    heat_in_prior,
+    held_by,
+    hold,
+    sampled_windows,
+    shifts_of_weights,
+    split,
+)
 from ..progress import SILENT, Progress
+from ..scenario import heat_of
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import quiet_noise
 from .heat_point import HeatPoint
@@ -63,6 +74,23 @@ def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILEN
         return search.tilted(point)
     except SimulationFailure as failure:
         raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
+
+
+def with_found_states(problem: Problem, theta: FloatArray) -> Problem | None:
+    """A problem as it is sampled with heat, in which heaters without a status do what the telemetry shows.
+
+    None where nothing is to be found: all have one, or their thermostats act. theta: [d], next to which it is looked
+    for. Raises FlightcalError where simulations fail there.
+    """
+    windows = sampled_windows(problem)
+    if heat_of(problem.scenario) is None or not any(own.switching is not None and own.unmeasured for own in windows):
+        return None
+    try:
+        held, _ = _settled(problem, windows, [held_by(own, problem.at(own, theta)) for own in windows], theta)
+    except SimulationFailure as failure:
+        raise FlightcalError(f"heaters without a status: {failure}, next to the mode") from None
+    known = (own if of_own is None else hold(own, of_own) for own, of_own in zip(windows, held, strict=True))
+    return replace(problem, windows=tuple(known), open_loop=None)
 
 
 def _settled(

@@ -27,6 +27,9 @@ NOT_IMITATED = frozenset({"clock", "orbit", "attitude", "driver"})
 _MOST, _MUCH = 0.2, 3.0 * CLEAR
 """one that explains so much of it, and so many nats, is named whatever is left. The model of a real satellite lacks
 something where nothing is wrong."""
+_LAST = frozenset({"doubled"})
+"""Kinds that stand behind what explains about as much: two sensors of one node, and none of another that has one by the
+scenario. Of two panels alike that is what any wrong of one of them looks like."""
 _FAR = 5.0
 """Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
 of them, one is there about as seldom as `CLEAR` says."""
@@ -112,7 +115,8 @@ def ranked(
         if explains(fit, own, nats) or (own.kind in NOT_IMITATED and nats >= least)
     ]
     most = max((nats for _, nats in named), default=0.0)
-    return [own for own, nats in named[:_SHOWN] if most - nats < max(CLEAR, _NEAR * most)]
+    shown = [own for own, nats in named[:_SHOWN] if most - nats < max(CLEAR, _NEAR * most)]
+    return sorted(shown, key=lambda own: own.kind in _LAST)
 
 
 def unexplained(

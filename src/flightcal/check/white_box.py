@@ -46,7 +46,7 @@ _BLURRED = 0.7
 """K, error of a model that is linear about one point, when all wrongs are looked at first."""
 _FIRST_SIZES = (1.0, 3.0)
 OF_THERMOSTATS = frozenset({
-    "bias", "unit", "swapped", "other node", "unrelated", UNEXPLAINED, "status inverted", "statuses swapped",
+    "bias", "unit", "swapped", "other node", "doubled", "unrelated", UNEXPLAINED, "status inverted", "statuses swapped",
     "same status", "status clock", "thresholds", "thresholds exchanged", "thermostat", "stuck", "filled", "clock",
     "channel clock",
 })  # fmt: skip

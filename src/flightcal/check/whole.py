@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from ..calibration import with_found_states
 from ..emulation import needs_emulator
 from ..errors import FlightcalError
 from ..problem import Problem, as_sampled
@@ -88,6 +89,10 @@ def check(
     sampled = as_sampled(problem)
     with progress.stage("search of the mode") as searching:
         centre = find_centre(sampled, prior_runs, effort.searches, seed, searching)
+        driven = with_found_states(problem, problem.to_theta(centre.z))
+        if driven is not None:
+            sampled = driven
+            centre = find_centre(sampled, prior_runs, effort.searches, seed, searching)
     found = identifiability(sampled, centre.z, centre.hessian)
     with progress.stage("unmodelled heat"):
         heat = beside_heat(problem, centre.z)

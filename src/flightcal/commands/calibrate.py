@@ -91,7 +91,7 @@ def run_experiment(
     and heat make no difference to them.
     Raises FlightcalError for what is the user's to mend. An interrupted sampling is saved, scored and reported.
     """
-    from ..problem import build_problem
+    from ..problem import build_problem, build_window
     from ..reduction import is_reduction, scenario_of
     from ..scenario import load_scenario
     from ..telemetry import read
@@ -105,6 +105,8 @@ def run_experiment(
         data = read(scenario)
     with progress.stage("building the problem (the first time it compiles the simulator)"):
         problem = build_problem(scenario, data)
+        for name in scenario.windows.keys() - {window.name for window in problem.windows}:
+            build_window(scenario, data, name)  # what is wrong with it is said before anything is changed
     with open_for(scenario, Path(out), progress, data) as run:
         keep_what_was_read(run, data, problem)
         return _run_stages(run, problem, data, text, searched)

@@ -31,8 +31,8 @@ _GAIN, _MOST_GAIN = 0.3, 0.8
 """Prior deviation of a channel's gain from one; by how much a gain is off at most that is no unit."""
 _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
 """K, deviations of mean and wandering of a channel that is not of this satellite; s, its correlation time."""
-_PART = 0.25
-"""Share of the way to another node, from which a channel is between."""
+_PART, _ALL = 0.25, 0.9
+"""Shares of the way to another node, from which a channel is between, and from which it is there."""
 COLDEST, HOTTEST = 100.0, 500.0
 """K, that a satellite may be."""
 _MOST_SWAPPED = 10
@@ -167,8 +167,8 @@ def other_nodes(view: View) -> Iterator[Wrong]:
     simulator = view.network
     sensors = simulator.observation.sensors
     nodes = simulator.network.own_nodes
-    for k, channel in enumerate(view.channels):
-        own = view.window.scenario.observations[channel].node
+    read = [view.window.scenario.observations[channel].node for channel in view.channels]
+    for k, (channel, own) in enumerate(zip(view.channels, read, strict=True)):
         for node in nodes:
             if node == own or len(nodes) > _MOST_NODES:
                 continue
@@ -182,7 +182,8 @@ def other_nodes(view: View) -> Iterator[Wrong]:
                 f"Correct 'node' of {channel} in 'observations'",
             )
             tries = len(nodes) * len(view.channels)
-            yield Wrong("other node", channel, words, window=window, tries=tries)
+            doubled = node in read and read.count(own) == 1
+            yield Wrong("doubled" if doubled else "other node", channel, words, window=window, tries=tries)
 
 
 def between(view: Comparison) -> Iterator[Wrong]:
@@ -200,7 +201,7 @@ def between(view: Comparison) -> Iterator[Wrong]:
             )
 
         tries = len(view.channels) * (len(view.channels) - 1)
-        yield Wrong("between", channel, words, columns=column, least=_PART, tries=tries)
+        yield Wrong("between", channel, words, columns=column, least=_PART, most=_ALL, tries=tries)
 
 
 def unrelated(view: Comparison) -> Iterator[Wrong]:

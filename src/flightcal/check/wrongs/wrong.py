@@ -22,7 +22,7 @@ from ..view import Memory, Moved, View
 
 Kind = Literal[
     "clock", "status clock", "channel clock", "driver clock", "bias", "swapped", "unit", "other node", "unrelated",
-    "status inverted", "statuses swapped", "heater", "thresholds", "missing heat", "mode", "driver",
+    "doubled", "status inverted", "statuses swapped", "heater", "thresholds", "missing heat", "mode", "driver",
     "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift", "curve", "slow", "between", "eclipse",
     "thermostat", "constant heat", "exchanged",
 ]  # fmt: skip
