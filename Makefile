@@ -42,8 +42,8 @@ format: $(INSTALLED_DEV)
 	$(BIN)/ruff format .
 
 # Tests compile what is missing; this does most of it with both cores.
-kernels: $(INSTALLED_DEV)
-	$(BIN)/python tests/kernels.py
+kernels: $(INSTALLED)
+	PYTHONPATH=src $(BIN)/python tests/kernels.py
 
 # The report's browser tests are skipped without it, and that of its print without poppler-utils.
 chromium:

@@ -190,7 +190,7 @@ cli.main()
 """
 
 
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("number", ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("moment", ["parsing", "command", "freed", "turned"])
 def test_an_interruption_has_its_exit_code_whatever_becomes_of_it(tmp_path, moment, number):
     command = [sys.executable, "-c", INTERRUPTED_AT, moment, number]

@@ -198,6 +198,7 @@ def test_a_change_in_a_folder_of_kernels_is_noticed_and_one_outside_of_it_is_not
     assert (again, hit) == (value + 4.0, 0)
 
 
+@pytest.mark.slow
 def test_a_kernel_in_another_folder_holds_until_its_own_file_changes(package):
     own = package("elsewhere")
     assert used(own)[1] == 0
@@ -208,6 +209,7 @@ def test_a_kernel_in_another_folder_holds_until_its_own_file_changes(package):
     assert used(own)[1] == 0
 
 
+@pytest.mark.slow
 def test_strict_code_rounds_every_product_and_has_a_cache_of_its_own(package):
     own = package(addend=0)
     strict, hit = used(own, FLIGHTCAL_STRICT="1")
@@ -217,6 +219,7 @@ def test_strict_code_rounds_every_product_and_has_a_cache_of_its_own(package):
     assert used(own)[1] == 1
 
 
+@pytest.mark.slow
 def test_a_cache_that_names_a_class_of_an_earlier_version_is_no_hindrance(package):
     own = package("elsewhere")
     used(own)
@@ -233,6 +236,7 @@ ALONE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alone", ALONE.values(), ids=ALONE.keys())
 def test_this_process_and_another_fill_the_cache_and_one_alone_does_too(package, alone):
     own = package()

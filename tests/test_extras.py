@@ -56,7 +56,9 @@ def test_a_cluster_needs_an_extra_and_says_so_before_anything_is_written(tmp_pat
     assert not (tmp_path / "c").exists()
 
 
-@pytest.mark.parametrize("command", [["calibrate"], ["campaign", "--runs", "4", "--workers", "1"]])
+@pytest.mark.parametrize(
+    "command", [pytest.param(["calibrate"], marks=pytest.mark.slow), ["campaign", "--runs", "4", "--workers", "1"]]
+)
 def test_commands_that_need_no_extra_work_without_any(tmp_path, command):
     scenario = write(
         tmp_path, genetic={"generations": 2, "population": 10}, nuts={"draws": 100, "warmup": 100, "max_r_hat": 2.0}

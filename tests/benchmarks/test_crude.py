@@ -15,6 +15,7 @@ from flightcal.scenario import load_scenario
 KNOWN = satellites()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda own: own.name)
 def test_every_variant_of_a_satellite_is_a_scenario_that_can_be_read(variant, tmp_path):
     made = variant.make(next(own for own in KNOWN.values() if fits(variant, own)))

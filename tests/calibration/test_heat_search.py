@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import heat_search
-from flightcal.calibration.find_heat import find_heat
+from flightcal.calibration.find_heat import find_heat, with_found_states
 from flightcal.probability import Evidence
 from flightcal.problem import patterns_of, split
 from tests.calibration.heated import CASES, NODES, PATTERN, TRUE, drift, errors, pattern, problem_of, sizes_of, written
@@ -95,6 +95,20 @@ def test_a_heater_without_a_status_is_found_to_do_what_it_did(tmp_path, node, se
     # Each switch within two samples of the truth: 26 in 361 samples.
     assert np.count_nonzero(np.diff(found)) == np.count_nonzero(np.diff(status)) > 10
     assert np.mean(found != status) < 2.0 * np.count_nonzero(np.diff(status)) / len(status)
+
+
+def test_what_a_heater_without_a_status_did_is_about_known_beside_thermostats_out_of_step(tmp_path):
+    """What is looked at before sampling then has no jumps, as little as what is sampled."""
+    content = written()
+    problem = problem_of(tmp_path, content, panel=pattern)
+    theta = problem.priors.median()
+    assert with_found_states(problem, theta) is None, "its status is measured"
+    del content["simulator"]["heaters"]["heater"]["measured_by"], content["observations"]["heater_status"]
+    (window,) = with_found_states(problem_of(tmp_path, content, panel=pattern), theta).windows
+    assert np.isfinite(window.network.drive.measured).all()
+    true, found = problem.windows[0].status[:, 0], window.status[:, 0]
+    assert np.mean(found != true) < 4.0 * np.count_nonzero(np.diff(true)) / len(true)
+    assert np.mean(found != true) < 0.5 * np.mean(np.roll(true, 5) != true)
 
 
 def test_several_windows_share_the_heat(tmp_path):

@@ -298,6 +298,13 @@ def test_beside_a_simulator_that_is_only_run_a_wrong_that_leaves_it_far_off_is_n
     assert told.sentence.endswith("3.4 times what is usual. A part of it, at most: clock is wrong.")
 
 
+def test_two_sensors_of_one_node_stand_behind_what_explains_about_as_much():
+    """Of two panels alike, that is what any wrong of one of them looks like."""
+    found = [better("doubled", fit(0.3, 0.0), 144.0), better("number", fit(0.3, 0.0), 119.0)]
+    assert [own.kind for own in ranked(found, fit(1.4, 60.0))] == ["number", "doubled"]
+    assert [own.kind for own in ranked(found[:1], fit(1.4, 60.0))] == ["doubled"]
+
+
 def test_a_wrong_that_leaves_what_is_usual_is_named_though_it_leaves_much_of_little():
     assert [own.kind for own in ranked([better("bias", fit(0.4, 30.0, size=2.0))], fit(0.5, 48.0))] == ["bias"]
     assert ranked([better("bias", fit(0.4, 30.0, size=4.0))], fit(0.5, 48.0)) == []

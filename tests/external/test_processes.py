@@ -56,7 +56,7 @@ def until(condition, seconds=60.0):
     return condition()
 
 
-@pytest.fixture(params=["executable", "callable"])
+@pytest.fixture(params=["executable", pytest.param("callable", marks=pytest.mark.slow)])
 def running(request, tmp_path):
     """A process in the midst of simulations that hang, and the numbers of the processes that simulate."""
     pids = tmp_path / "pids"

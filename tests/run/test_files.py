@@ -205,7 +205,9 @@ except OSError as error:
 """
 
 
-@pytest.mark.parametrize("room", [0, 4096, 100_000, 399_000])
+@pytest.mark.parametrize(
+    "room", [0, 100_000, *(pytest.param(room, marks=pytest.mark.slow) for room in (4096, 399_000))]
+)
 def test_a_netcdf_file_for_which_there_is_no_room_is_an_error_and_no_crash(tmp_path, room):
     """A limit on the size of files is a full disk for one process alone."""
     command = [sys.executable, "-c", SMALL_FILES, str(tmp_path / "a.nc")]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.check.prepared import prepared
-from flightcal.check.wrongs.channels import swaps
+from flightcal.check.wrongs.channels import other_nodes, swaps
 from tests import small
 
 from ..cases import named, of_three, spoilt, sunlit
@@ -71,6 +71,23 @@ def test_a_mean_of_two_sensors_is_between_them(flown):
     first = named(scenario, spoilt(data, panel_temp=mean))[0]
     assert (first.kind, first.about) == ("between", "panel_temp")
     assert 0.4 < float(first.sentence.split("%")[0].split()[-1]) / 100.0 < 0.6
+
+
+def test_a_sensor_that_reads_another_node_is_not_between_the_two(flown):
+    scenario, data = flown
+    noise = 0.1 * np.random.default_rng(5).standard_normal(data.sizes["time"])
+    found = named(scenario, spoilt(data, panel_temp=data["body_temp"].values + noise))
+    assert found
+    assert "between" not in [own.kind for own in found]
+
+
+def test_a_second_sensor_of_a_node_that_takes_another_s_only_one_is_told_apart(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, of_three()))
+    read = {name: own.node for name, own in view.window.scenario.observations.items()}
+    for own in other_nodes(view):
+        node = own.words.title.split(" is of ")[1].split(",")[0]
+        only = list(read.values()).count(read[own.about]) == 1
+        assert (own.kind == "doubled") == (only and node in read.values()), own.words.title
 
 
 def test_columns_are_tried_as_shifted_by_one(tmp_path):

@@ -124,6 +124,20 @@ def test_what_all_modes_take_does_not_hide_what_one_of_them_takes(tmp_path):
     assert "in panel" in first.title
 
 
+def test_less_in_a_node_all_the_time_than_written_is_named_beside_a_bias(tmp_path):
+    written = small.content()
+    written["simulator"]["modes"] = {"idle": {"panel": "8 W"}}
+    written["simulator"]["timeline"] = [{"at": "2024-02-29T00:00:00", "mode": "idle"}]
+    _, data = small.closed_loop(tmp_path, written)
+    written["simulator"]["modes"]["idle"]["panel"] = "24 W"
+    scenario, _ = small.load(tmp_path, written)
+    titles = [own.title for own in named(scenario, data)]
+    (always,) = (title for title in titles if title.endswith("than the scenario says, all the time"))
+    assert always.startswith("panel takes ")
+    assert float(always.split()[2]) == pytest.approx(16.0, rel=0.2)
+    assert "W less" in always
+
+
 def test_a_timeline_of_another_time_zone_is_named_with_the_hours(tmp_path):
     written = small.content()
     minutes, mode = np.array([0, 37, 52, 121, 139, 200, 226, 310, 330, 371, 402]), ("idle", "busy")

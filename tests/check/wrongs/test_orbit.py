@@ -20,6 +20,19 @@ def test_another_inclination_is_named(tmp_path):
     assert first.title == f"The orbit has another {first.about}"
 
 
+def test_altitudes_that_are_off_by_kilometres_are_tried(tmp_path):
+    """In a day of orbits the period tells them."""
+    written = sunlit()
+    view = prepared(*small.closed_loop(tmp_path, written))
+    height = float(written["environment"]["orbit"]["altitude"].split()[0])
+    tried = [own for own in orbits(view) if own.about == "altitude"]
+    shares = np.array([float(own.words.sentence.split(" altitude ")[1].split()[0]) for own in tried]) / height - 1.0
+    for share in (-0.05, -0.015, 0.013, 0.03):
+        assert np.abs(shares - share).min() < 0.011, shares
+    nearer = [own.words.sentence for own in tried[int(np.abs(shares - 0.01).argmin())].closer()]
+    assert any(f"altitude {1.013 * height:.0f} km" in sentence for sentence in nearer), nearer
+
+
 @pytest.mark.parametrize("elements", ["of a circle", pytest.param("two lines", marks=pytest.mark.slow)])
 def test_another_place_in_the_orbit_is_told_where_attitudes_come_at_times_of_their_own(tmp_path, elements):
     written = boxed()

@@ -22,6 +22,8 @@ from .wrong import FACTORS, FEW_TIMES, LACKED, PIECES, POWER, Words, Wrong, at_n
 
 _MOST_POINTS = 6
 """Of a table, any two of which may be exchanged."""
+_VARIES = 0.5
+"""Of the largest value of a driver, that by which it has to vary: else it heats as anything constant does."""
 _OF_UNIT = 8
 """Ways in which a driver may be of another unit or sign."""
 
@@ -200,7 +202,7 @@ def left_out(view: View) -> Iterator[Wrong]:
 def _as_driver_says(view: View, driver: str, node: str, values: FloatArray, tries: float) -> Iterator[Wrong]:
     """A node takes heat in proportion to a driver; values: [K + 1] of that at the edges of the simulation's steps."""
     largest, flow = float(np.abs(values).max()), flow_through(view, node)
-    if np.ptp(values) < LACKED * largest or not flow:
+    if np.ptp(values) < _VARIES * largest or not flow:
         return
     series = np.stack([values[:-1], values[1:]], axis=1).reshape(1, -1) / largest
     effect = flow * view.response(view.window, view.middle, node, series)
@@ -213,7 +215,7 @@ def _as_driver_says(view: View, driver: str, node: str, values: FloatArray, trie
             f"Add a load of {node} with 'driver: {driver}' to 'simulator: loads'",
         )
 
-    yield Wrong("missing heat", f"{driver} {node}", words, columns=effect, least=LACKED, tries=tries)
+    yield Wrong("missing heat", f"{driver} {node}", words, columns=effect, least=LACKED, lacked=True, tries=tries)
 
 
 def tables(view: View) -> Iterator[Wrong]:

@@ -21,6 +21,8 @@ from .wrong import LACKED, PIECES, SHIFTS, Words, Wrong, driven_otherwise, flow_
 
 _ALL_THE_TIME = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Of what flows through a node, heat that it may lack all the time."""
+_LESS = (0.25, 0.5, 0.75, 1.0)
+"""Of what all modes have in common in a node, that of which there may be less."""
 _AT_ANY_TIME = (0.5, 2.0)
 """Of what flows through a node, heat that it may get at any time, in the mean and from piece to piece."""
 _NOW_AND_THEN = 0.5
@@ -266,27 +268,31 @@ def upper(values: FloatArray) -> tuple[NDArray[np.bool_], float]:
 
 
 def constant_heat(view: View) -> Iterator[Wrong]:
-    """Something heats a node all the time that the scenario lacks, such as electronics that are never off."""
+    """A node takes more all the time than the scenario says, as of electronics that are never off, or less."""
+    modes = view.window.scenario.network.modes.values()
     for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
-        yield from _always(view, node, [max(share * flow, 0.1) for share in _ALL_THE_TIME])
+        written = min((powers.get(node, 0.0) for powers in modes), default=0.0)
+        less = [-share * written for share in _LESS if written > 0.0]
+        yield from _always(view, node, [*(max(share * flow, 0.1) for share in _ALL_THE_TIME), *less])
 
 
 def _always(view: View, node: str, powers: Sequence[float]) -> Iterator[Wrong]:
     """So many W more in a node, all the time, as the simulator has it: with more heat every link does more."""
     network, k = view.network, view.heat.nodes.index(node)
     for power in powers:
-        if power < LACKED * view.heat.flow[k]:
+        if abs(power) < LACKED * view.heat.flow[k]:
             continue
         heat = np.zeros((len(network.network.heated), 2 * len(network.drive.inputs)))
         heat[network.network.heated.index(node)] = power
+        more = f"{number(abs(power), 2)} W {'more' if power > 0.0 else 'less'}"
         words = Words(
-            f"{node} takes {number(power, 2)} W more than the scenario says, all the time",
-            f"With {number(power, 2)} W more in {node}, the model explains the telemetry.",
+            f"{node} takes {more} than the scenario says, all the time",
+            f"With {more} in {node}, the model explains the telemetry.",
             f"Check what dissipates in {node}, in 'simulator: modes', and what it absorbs",
         )
         window = replace(view.window, simulator=network.with_heat(heat))
-        near = partial(_always, view, node, [power * 2.0**more for more in np.linspace(-0.6, 0.6, 7)])
-        tries = len(_ALL_THE_TIME) * len(view.heat.nodes)
+        near = partial(_always, view, node, [power * 2.0**finer for finer in np.linspace(-0.6, 0.6, 7)])
+        tries = (len(_ALL_THE_TIME) + len(_LESS)) * len(view.heat.nodes)
         yield Wrong("constant heat", node, words, window=window, tries=tries, closer=near)
 
 

@@ -16,12 +16,10 @@ from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, elsewhere, minutes
 
 _STEPS = {
-    "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
+    "altitude": (-0.4, -0.3, -0.2, -0.1, -0.04, -0.02, -0.01, 0.01, 0.02, 0.04, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
 }
-"""Shares of the altitude, and rad."""
-_LITTLE = (-0.04, -0.02, -0.01, 0.01, 0.02, 0.04)
-"""Shares of a height, by which it is off a little."""
+"""Shares of the height, and rad. The period tells it to a part of a percent, in hours or in many orbits."""
 _SHAPES = tuple(np.arange(0.0, 0.95, 0.05).tolist())
 """Eccentricities that are tried first."""
 _NODES = tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0]).tolist())
@@ -30,7 +28,7 @@ _KINDS = 5
 """Of numbers of an orbit that are tried."""
 _FIRST_PLACES = 1200.0
 """s, between places in an orbit that are tried first: a shadow lasts longer."""
-_AROUND = {"altitude": (0.05, 4), "semi_major_axis": (0.05, 8), "mean_motion": (0.05, 4), "eccentricity": (0.04, 4)}
+_AROUND = {"altitude": (0.05, 8), "semi_major_axis": (0.05, 8), "mean_motion": (0.05, 8), "eccentricity": (0.04, 4)}
 """Around a step, others are tried as far away as this, and nearer by halves, so many."""
 _CLOSE = 2.0
 """s, in which a satellite goes through an angle that matters no more: light panels warm by a kelvin."""
@@ -96,12 +94,12 @@ def _in_its_plane(
 ) -> list[tuple[str, tuple[float, ...]]]:
     """Numbers of an orbit but those of its plane, with the steps that are tried; places: where it is as good as round.
 
-    In an orbit of hours the period tells the axis to a part of a percent, and an apogee may stand for it.
+    An apogee may stand for the axis.
     """
     least = 0.5 * _AROUND["eccentricity"][0]
     shapes = tuple(shape - orbit.eccentricity for shape in _SHAPES if abs(shape - orbit.eccentricity) > least)
     of_apogee = (orbit.semi_major_axis / (1.0 + orbit.eccentricity) - _GROUND) / (orbit.semi_major_axis - _GROUND) - 1.0
-    tried = [("semi_major_axis", (*_STEPS["altitude"], *_LITTLE, of_apogee)), ("eccentricity", shapes)]
+    tried = [("semi_major_axis", (*_STEPS["altitude"], of_apogee)), ("eccentricity", shapes)]
     if orbit.eccentricity <= _ROUND:
         return [*tried, ("mean_anomaly", places)]
     return [*tried, ("argument_of_perigee", nodes), ("mean_anomaly", nodes)]
