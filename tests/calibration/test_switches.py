@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.calibration.switches import HeaterTimes, exchanged, with_states
+from flightcal.calibration.switches import HeaterTimes, exchanged, with_shifts, with_states
 from flightcal.problem import Held
 
 TIMES = 60
@@ -108,3 +108,13 @@ def test_a_switch_that_stays_keeps_its_moment_and_another_is_where_it_was_found(
     assert found.switches == ((615.0, 0, 120.0), (1190.0, 0, 120.0), (2400.0, 0, 120.0))
     rarely = replace(own, interval=300.0)
     assert {within for _, _, within in with_states(held, rarely, states((10, 20), (40, 60))).switches} == {600.0}
+    known = with_states(held, own, states((10, 20), (40, 60)), keeps=True)
+    assert known.switches == ((615.0, 0, 300.0), (1190.0, 0, 120.0), (2400.0, 0, 120.0))
+
+
+def test_a_switch_that_is_moved_is_known_twice_as_well_down_to_an_interval():
+    gaps, on = ((0.0, 3600.0, 0),), ((600.0, 1200.0, 0), (2400.0, 3600.0, 0))
+    held = Held("train", gaps, on, ((600.0, 0, 400.0), (1200.0, 0, 80.0), (2400.0, 0, 60.0)))
+    found = with_shifts(held, np.array([50.0, -500.0, 10.0]), [0], 60.0)
+    assert found.on == ((550.0, 1160.0, 0), (2390.0, 3600.0, 0))
+    assert found.switches == ((550.0, 0, 200.0), (1160.0, 0, 60.0), (2390.0, 0, 60.0))

@@ -32,7 +32,7 @@ from .heat_point import HeatPoint
 from .heat_search import Point, Search
 from .switches import HeaterTimes, exchanged, heater_times, with_shifts, with_states
 
-_HOLDS = 6
+_HOLDS = 10
 """Looks at what heaters do whose status is not measured."""
 _GAINED = 0.5
 """Of the log density, for which it is worth to look again."""
@@ -56,21 +56,28 @@ def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILEN
             held, theta = _settled(problem, windows, held, theta)
         search = _search(problem, windows, held)
         point = search.run(theta, progress)
-        exchanges = True
+        exchanges, moved, stuck = True, False, False
         for number in range(1, _HOLDS + 1 if unmeasured else 1):
+            tried = held
             if exchanges:
-                tried = _better_held(search, held, search.at(point), point.most_probable, point.around.bases)
+                near = search.at(point)
+                tried = _better_held(search, held, near, point.most_probable, point.around.bases, keeps=moved)
                 exchanges = tried != held
             if not exchanges:
+                # Where times were coarse an exchange may have stayed away, so they are looked at once more at the end.
+                if stuck:
+                    break
                 tried = _shifted(search, held, point)
             better = _search(problem, windows, tried)
             found = better.run(theta, progress, f"heaters without a status, look {number}, ")
-            is_better = found.evidence > point.evidence + _GAINED
-            if is_better:
+            if found.evidence > point.evidence + _GAINED:
+                moved, stuck = moved or not exchanges, False
                 search, point, held = better, found, tried
-            elif not exchanges:
+            elif stuck:
                 break
-            exchanges = exchanges and is_better
+            else:
+                stuck = not exchanges
+                exchanges = stuck
         return search.tilted(point)
     except SimulationFailure as failure:
         raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
@@ -142,10 +149,12 @@ def _better_held(
     point: Point,
     sizes: FloatArray,
     bases: tuple[FloatArray, ...],
+    *,
+    keeps: bool = False,
 ) -> list[Held | None]:
     """What heaters do without a measured status, as makes the telemetry most probable next to a point.
 
-    sizes: [s]; bases: the directions of heat that count.
+    sizes: [s]; bases: the directions of heat that count; keeps: see `with_states`.
     """
     found: list[list[HeaterTimes]] = []
     for own, around in zip(held, point.each, strict=True):
@@ -160,7 +169,7 @@ def _better_held(
         for times in of_window:
             known = better[k]
             assert known is not None
-            better[k] = with_states(known, times, next(states))
+            better[k] = with_states(known, times, next(states), keeps=keeps)
     return better
 
 

@@ -139,8 +139,11 @@ def _around(here: Bools) -> Bools:
     return here | wide[:-2] | wide[2:]
 
 
-def with_states(held: Held, own: HeaterTimes, on: Bools) -> Held:
-    """What heaters do, where one is on in these times [B]."""
+def with_states(held: Held, own: HeaterTimes, on: Bools, *, keeps: bool = False) -> Held:
+    """What heaters do, where one is on in these times [B].
+
+    keeps: whether what does not change is known as well as before.
+    """
     if (on == own.on).all():
         return held
     changes = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
@@ -151,7 +154,8 @@ def with_states(held: Held, own: HeaterTimes, on: Bools) -> Held:
         nearest = known[np.abs(known[:, None] - times).argmin(axis=0)]
         times = np.where(np.abs(nearest - times) <= 0.5 * (own.edges[1] - own.edges[0]) + 1e-9, nearest, times)
     spans = list(zip(times[::2].tolist(), times[1::2].tolist(), strict=True))
-    return with_other(held, own.heater, spans, _WITHIN * max(float(own.edges[1]), own.interval))
+    before = {time: within for time, which, within in held.switches if which == own.heater} if keeps else {}
+    return with_other(held, own.heater, spans, _WITHIN * max(float(own.edges[1]), own.interval), before)
 
 
 def with_shifts(held: Held, longer: FloatArray, heaters: Collection[int], least: float) -> Held:
@@ -160,12 +164,12 @@ def with_shifts(held: Held, longer: FloatArray, heaters: Collection[int], least:
     Each switch is then known twice as well, within `least` s at best.
     """
     begins = {(time, heater) for time, _, heater in held.on}
-    moments = {}
+    moments, known = {}, {}
     for (time, heater, within), more in zip(held.switches, longer, strict=True):
         shift = float(np.clip(more, -0.5 * within, 0.5 * within)) if heater in heaters else 0.0
-        moments[time, heater] = time - shift if (time, heater) in begins else time + shift
+        moved = time - shift if (time, heater) in begins else time + shift
+        moments[time, heater], known[moved] = moved, max(0.5 * within, min(within, least))
     for heater in heaters:
-        within = next((within for _, which, within in held.switches if which == heater), 0.0)
         spans = [
             (moments.get((begin, heater), begin), moments.get((end, heater), end))
             for begin, end, which in held.on
@@ -173,7 +177,7 @@ def with_shifts(held: Held, longer: FloatArray, heaters: Collection[int], least:
         ]
         edges = np.array(spans).ravel()
         if len(edges) and bool((np.diff(edges) > 0.0).all()):
-            held = with_other(held, heater, spans, max(0.5 * within, min(within, least)))
+            held = with_other(held, heater, spans, least, known)
     return held
 
 
