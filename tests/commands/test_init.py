@@ -181,6 +181,20 @@ def test_a_heaters_current_is_its_status_and_a_clock_of_two_parts_is_read(tmp_pa
     assert scenario.observations["htr_bat_cur_ma"].heater == "htr_bat_cur_ma"
 
 
+def test_a_status_and_a_current_of_one_heater_are_one_heater(tmp_path: Path):
+    on = np.arange(80) // 5 % 2
+    table = frame(80).drop(columns="HTR").assign(**{"HTR_BAT_ST": on, "HTR_BAT_CUR [mA]": 480.0 * on + 3.0})
+    table["HTR_BAT2_ST"] = np.arange(80) // 8 % 2
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    assert result.exit_code == 0, result.output
+    lint(tmp_path / "sat")
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    assert list(scenario.network.heaters) == ["htr_bat_st", "htr_bat2_st"]
+    text = (tmp_path / "sat" / "scenario.yaml").read_text()
+    assert "# htr_bat_cur_ma is on and off as htr_bat_st is: the same heater." in text
+
+
 def test_raw_readings_and_bits_of_a_word_are_written_as_such(tmp_path: Path):
     table = frame(40).drop(columns="HTR")
     table["ANT_TEMP_RAW"], table["HTR_WORD"] = 2100 + np.arange(40), np.where(np.arange(40) // 5 % 2, 66, 64)

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from flightcal.cli import app
 from tests import small
+from tests.check.cases import sunlit
 
 run = CliRunner().invoke
 
@@ -55,6 +56,25 @@ def test_a_driver_that_lies_beyond_a_loads_table_is_told(tmp_path: Path):
     written["simulator"]["loads"]["sun"]["table"][1][0] = "1 A"
     small.load(tmp_path, written)
     assert "beyond its table" not in run(app, ["lint", str(tmp_path / "scenario.yaml")]).output
+
+
+def test_a_face_of_another_unit_and_an_earth_that_sends_nothing_are_told(tmp_path: Path):
+    written = sunlit()
+    faces = written["simulator"]["faces"]
+    small.load(tmp_path, written)
+    before = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert before.exit_code == 0, before.output
+    assert "check its unit" not in before.output
+    assert "so the Earth" not in before.output
+    name = next(iter(faces))
+    faces[name]["area"] = "1200 m^2"
+    written["environment"] |= {"albedo": 0, "earth_infrared": "0 W/m^2"}
+    small.load(tmp_path, written)
+    after = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert after.exit_code == 0, after.output
+    assert f"advice: simulator.faces.{name}: its area is 1200 m^2; check its unit" in after.output
+    assert "advice: environment.albedo: it is 0, so the Earth reflects nothing" in after.output
+    assert "advice: environment.earth_infrared: it is 0, so the Earth radiates nothing" in after.output
 
 
 def test_a_number_that_its_parameters_prior_does_not_reach_is_told(tmp_path: Path):

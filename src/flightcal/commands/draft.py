@@ -281,6 +281,8 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
     nodes = [channel.name for channel in channels if channel.kind == "temperature"]
     statuses = [channel.name for channel in channels if channel.kind == "status"]
     heaters = guess.heaters(dataset, statuses, nodes)
+    same = guess.same_heaters(dataset, heaters)
+    heaters = {name: node for name, node in heaters.items() if name not in same}
     period = guess.period(dataset, nodes)
     links = [f"    - {{between: [{a}, {b}], conductance: 0.5 W/K}}" for a, b in pairwise(nodes)]
     lines = [
@@ -300,6 +302,8 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
         *(f"    - {{between: [{name}, space], radiative: 0.02 m^2}}" for name in nodes),
         *(["  heaters:"] if heaters else []),
     ]
+    for name, other in same.items():
+        lines.append(f"    # {name} is on and off as {other} is: the same heater.")
     for name, node in heaters.items():
         low, high = guess.thresholds(dataset["time"].values, dataset[node].values, dataset[name].values)
         lines.append(
@@ -324,7 +328,7 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
             f"  # loads: {{sun: {{node: {nodes[0]}, driver: {driver.name}, coefficient: {coefficient}}}}}",
             "",
         ]
-    if others := [name for name in statuses if name not in heaters]:
+    if others := [name for name in statuses if name not in heaters and name not in same]:
         lines += [
             f"  # On or off, and by no temperature a heater's: {', '.join(others)}.",
             "  # To heat a node meanwhile, make it a driver (`kind: driver`, with `bits` or `on: [1]`), and add a load",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from itertools import product, takewhile
+from itertools import combinations, product, takewhile
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +29,8 @@ _MANY, _SHORTEST_GAP = 10, 15 * 60e9
 _HEATER, _SUN = re.compile("htr|heat|thermostat"), re.compile("ecl|sun|umbra|shadow|day|night")
 _SOME = 3
 """Temperatures, of which more than half seem to obey what tells the Sun."""
+_SAME, _SWITCHES = 0.8, 4
+"""Share of the time that two statuses are on, in which both are, and changes of each, that tell one heater."""
 _SHORTEST_WORD = 3
 """Letters that a heater's name and its node's have in common, such as bat of battery."""
 _EXACT = 0.1
@@ -50,6 +52,25 @@ def heaters(dataset: xarray.Dataset, statuses: Sequence[str], nodes: Sequence[st
         for name in statuses
         if _HEATER.search(name) or _obeyed(dataset, name, nodes)
     }
+
+
+def same_heaters(dataset: xarray.Dataset, nodes: Mapping[str, str]) -> dict[str, str]:
+    """Statuses that are on and off as one before them is, each with that: such as a command and a current.
+
+    nodes: of each status; those of one node are compared.
+    """
+    import pandas as pd
+
+    on = {name: pd.Series(dataset[name].values).ffill().to_numpy(float) for name in nodes}
+    found: dict[str, str] = {}
+    for one, other in combinations(nodes, 2):
+        known = np.isfinite(on[one]) & np.isfinite(on[other])
+        first, second = on[one][known] > 0.5, on[other][known] > 0.5
+        switches = min(np.count_nonzero(np.diff(first)), np.count_nonzero(np.diff(second)))
+        alike = np.count_nonzero(first & second) > _SAME * np.count_nonzero(first | second)
+        if nodes[one] == nodes[other] and switches >= _SWITCHES and alike and one not in found:
+            found.setdefault(other, one)
+    return found
 
 
 def _obeyed(dataset: xarray.Dataset, status: str, nodes: Sequence[str]) -> bool:

@@ -23,6 +23,8 @@ _RARE = 1e-9
 """Probability of a prior, beyond which nobody means what is written."""
 _ALIKE = 0.1
 """Of the prior's range, by which what is written may lie beyond it."""
+_LARGE = 100.0
+"""m^2, of a face, beyond which it may be in cm^2."""
 _MUCH = 0.5
 """Share of a driver's samples beyond a table, from which it is told."""
 _SHORT = 10.0
@@ -89,6 +91,7 @@ def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str
     """What is not wrong, and had better be otherwise; rows: of all windows to train on."""
     yield from _of_sampling(data, rows)
     yield from _of_channels(scenario, data)
+    yield from _of_faces(scenario)
     yield from _of_priors(scenario)
     yield from _of_tables(scenario, data)
     yield from _of_observations(scenario, data)
@@ -131,6 +134,29 @@ def _of_channels(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
                     f"telemetry.channels.{channel}: no sample is from {span.start.isoformat()} to "
                     f"{span.end.isoformat()}, which 'leave_out' names; check its dates"
                 )
+
+
+def _of_faces(scenario: Scenario) -> Iterator[str]:
+    """Of faces that are larger than a satellite's, or that the Earth sends nothing to."""
+    from ..scenario import SimulatorModel
+
+    if not isinstance(scenario.simulator, SimulatorModel):
+        return
+    faces = scenario.simulator.faces
+    for name, face in faces.items():
+        if face.area > _LARGE:
+            yield f"simulator.faces.{name}: its area is {face.area:g} m^2; check its unit"
+    environment = scenario.environment
+    for field, does, usual, feel in (
+        ("albedo", "reflects", "about 0.3", [name for name, face in faces.items() if face.absorptivity]),
+        ("earth_infrared", "radiates", "about 237 W/m^2", [name for name, face in faces.items() if face.emissivity]),
+    ):
+        zero = not getattr(environment, field) and f"environment.{field}" not in scenario.uncertain
+        if zero and environment.orbit is not None and feel:
+            yield (
+                f"environment.{field}: it is 0, so the Earth {does} nothing to the satellite, and other numbers make "
+                f"up for that; write {usual}, unless something else brings this heat"
+            )
 
 
 def _of_priors(scenario: Scenario) -> Iterator[str]:
