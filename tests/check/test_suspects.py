@@ -310,6 +310,13 @@ def test_a_wrong_that_leaves_what_is_usual_is_named_though_it_leaves_much_of_lit
     assert ranked([better("bias", fit(0.4, 30.0, size=4.0))], fit(0.5, 48.0)) == []
 
 
+def test_what_leaves_more_than_nothing_wrong_is_not_named():
+    """Without a status a heater's heat may stand for heat that is missing: a number is more probable and fits worse."""
+    nothing = fit(0.4, 0.0, size=1.0)
+    assert ranked([better("number", fit(0.52, 5.0, size=1.0), 55.0)], nothing) == []
+    assert [own.kind for own in ranked([better("number", fit(0.4, 0.0, size=1.0), 55.0)], nothing)] == ["number"]
+
+
 def test_only_what_explains_about_as_well_is_named_beside_the_best():
     crude = fit(1.8, 300.0)
     of = [better(kind, fit(0.4, 1.0), nats) for kind, nats in (("clock", 200.0), ("bias", 165.0), ("unit", 150.0))]

@@ -22,6 +22,8 @@ BAD, _WORSE = 2.0, 4.0
 where none does."""
 _LEFT = 0.2
 """Share of what a right model has in more than nothing wrong, that one wrong may lack and still be what is named."""
+_NO_MORE = 2.0
+"""Nats by which it may lack more than nothing wrong: what is more probable and fits worse makes up for something."""
 NOT_IMITATED = frozenset({"clock", "orbit", "attitude", "driver"})
 """Kinds of wrongs that a model does not ask for which is only too simple:"""
 _MOST, _MUCH = 0.2, 3.0 * CLEAR
@@ -105,7 +107,8 @@ def ranked(
 
     def explains(fit: Fit, own: Suspicion, nats: float) -> bool:
         much = fit.lacking < left * nothing.lacking or (own.kind in NOT_IMITATED and nats > enough)
-        return fit.is_usual or (much and fit.misfit < bad)
+        no_more = fit.lacking <= nothing.lacking + _NO_MORE
+        return (fit.is_usual and no_more) or (much and fit.misfit < bad)
 
     least = min((nats for fit, own, nats in near if explains(fit, own, nats)), default=np.inf)
     # What explains still more, odds counted, is no less likely for leaving more.

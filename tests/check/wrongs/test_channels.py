@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.check.prepared import prepared
-from flightcal.check.wrongs.channels import other_nodes, swaps
+from flightcal.check.wrongs.channels import other_nodes, swaps, unrelated
 from tests import small
 
 from ..cases import named, of_three, spoilt, sunlit
@@ -105,3 +105,10 @@ def test_any_three_of_more_channels_are_tried_as_each_others_both_ways():
     assert len({tuple(own.observed[0]) for own in turned}) == len(turned) == 8
     (right,) = [own for own in turned if (own.observed == truth).all()]
     assert right.words.sentence.startswith("With the readings of b for a, of c for b and of a for c")
+
+
+def test_of_a_channel_of_no_place_the_driver_of_its_nodes_load_is_told_too(flown):
+    view = prepared(*flown)
+    sentences = {own.about: own.words.sentence for own in unrelated(view)}
+    assert "or sun, which a load of it follows, is another column." in sentences["panel_temp"]
+    assert "follows" not in sentences["body_temp"]

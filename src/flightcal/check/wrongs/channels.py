@@ -9,6 +9,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from ...report import listed, number
+from ...scenario import Scenario, SimulatorModel
 from ...simulator import ICE_POINT, FloatArray
 from ..comparison import Comparison
 from ..evidence import Fit, Scale
@@ -204,6 +205,12 @@ def between(view: Comparison) -> Iterator[Wrong]:
         yield Wrong("between", channel, words, columns=column, least=_PART, most=_ALL, tries=tries)
 
 
+def _drivers_of(scenario: Scenario, channel: str) -> list[str]:
+    """Drivers of the loads of a channel's node."""
+    loads = scenario.simulator.loads.values() if isinstance(scenario.simulator, SimulatorModel) else ()
+    return list(dict.fromkeys(own.driver for own in loads if own.node == scenario.observations[channel].node))
+
+
 def unrelated(view: Comparison) -> Iterator[Wrong]:
     """A channel that has nothing to do with its node: of another satellite, or of a broken sensor.
 
@@ -211,10 +218,12 @@ def unrelated(view: Comparison) -> Iterator[Wrong]:
     """
     for k, channel in enumerate(view.channels if len(view.channels) > 1 else ()):
         apart = np.abs(view.rows.seconds[:, None] - view.rows.seconds)
+        drivers = _drivers_of(view.window.scenario, channel)
+        followed = f", or {listed(drivers)}, which a load of it follows, is another column" if drivers else ""
         words = Words(
             f"{channel} does not belong to its node",
             f"{channel} goes its own way, and all other channels agree with the model without it: it may be of another "
-            "place, another satellite, or a broken sensor; or numbers of its node are far off.",
+            f"place, another satellite, or a broken sensor; or numbers of its node are far off{followed}.",
             f"Check which sensor {channel} is, and the numbers of its node; leave it out of 'observations' to "
             "calibrate without it",
         )
