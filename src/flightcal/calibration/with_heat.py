@@ -30,13 +30,13 @@ _STRAIGHT = 0.25
 """Of the log density, to second order: so far off the response may be taken as the same for all theta."""
 _MOST_FOLLOWED = 400
 """Weights: each gradient takes the cube of their number, so 280 take minutes, and many more would take hours."""
-_PILOTS, _PILOT_CHAINS = 6, 2
+_PILOTS, _PILOT_CHAINS = 10, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 150, 150
 _PILOT_DEPTH = 7
 """Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
 _USUAL_PILOTS, _FOLLOWED_GRADIENTS = 3, 30
 """Pilots that it usually takes, and evaluations a draw, to say how long all take."""
-_STAYS = 0.5
+_STAYS = 0.25
 """Of its deviation, within which the middle of each quantity is to be found again."""
 _REMEMBERED = 3
 """Places of the middle that say where to look for it next."""
