@@ -34,7 +34,7 @@ _PILOTS, _PILOT_CHAINS = 10, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 150, 150
 _PILOT_DEPTH = 7
 """Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
-_USUAL_PILOTS, _FOLLOWED_GRADIENTS = 3, 30
+_USUAL_PILOTS, _FOLLOWED_GRADIENTS = 6, 30
 """Pilots that it usually takes, and evaluations a draw, to say how long all take."""
 _STAYS = 0.25
 """Of its deviation, within which the middle of each quantity is to be found again."""
