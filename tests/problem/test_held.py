@@ -74,7 +74,7 @@ def test_a_heater_without_a_status_is_held_all_the_time(tmp_path):
     expected = problem.windows[0].simulate(theta)
     np.testing.assert_allclose(found.simulate(theta).temperatures, expected.temperatures, atol=2e-3)
     np.testing.assert_array_equal(found.status, expected.status)
-    other = hold(window, with_other(held, 0, [(600.0, 1200.0)], 120.0))
+    other = hold(window, with_other(held, 0, [(600.0, 1200.0)], {600.0: 120.0, 1200.0: 120.0}))
     assert other.simulate(theta).duty_cycle[0] * window.network.drive.times[-1] == pytest.approx(600.0)
     assert other.switching.interval.tolist() == [120.0, 120.0]
 

@@ -7,23 +7,14 @@ gaps in it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ..errors import FlightcalError
-from ..problem import (
-    Held,
-    Problem,
-    Window,
-    heat_in_prior,
-    held_by,
-    hold,
-    sampled_windows,
-    shifts_of_weights,
-    split,
-)
+from ..problem import Held, Problem, Window, heat_in_prior, held_by, hold, sampled_windows, shifts_of_weights, split
 from ..progress import SILENT, Progress
 from ..scenario import heat_of
 from ..simulator import FloatArray, SimulationFailure
@@ -51,34 +42,29 @@ def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILEN
     windows = sampled_windows(problem)
     try:
         held = [held_by(window, problem.at(window, theta)) for window in windows]
-        unmeasured = any(window.switching is not None and window.unmeasured for window in windows)
-        if unmeasured:
-            held, theta = _settled(problem, windows, held, theta)
-        search = _search(problem, windows, held)
-        point = search.run(theta, progress)
-        exchanges, moved, stuck = True, False, False
-        for number in range(1, _HOLDS + 1 if unmeasured else 1):
-            tried = held
-            if exchanges:
-                near = search.at(point)
-                tried = _better_held(search, held, near, point.most_probable, point.around.bases, keeps=moved)
-                exchanges = tried != held
-            if not exchanges:
-                # Where times were coarse an exchange may have stayed away, so they are looked at once more at the end.
-                if stuck:
+        if not _are_silent(windows):
+            return _looked(problem, windows, held, theta, progress).best
+        held, theta = _settled(problem, windows, held, theta)
+        look = _looked(problem, windows, held, theta, progress)
+        numbers = iter(range(1, _HOLDS + 1))
+
+        def better(change: Callable[[_Look], list[Held | None]]) -> bool:
+            """Whether a change makes the telemetry more probable; it is made as often as it does."""
+            nonlocal look
+            is_better = False
+            while (tried := change(look)) != look.held and (number := next(numbers, None)):
+                which = f"heaters without a status, look {number}, "
+                found = _looked(problem, windows, tried, theta, progress, which)
+                if found.point.evidence <= look.point.evidence + _GAINED:
                     break
-                tried = _shifted(search, held, point)
-            better = _search(problem, windows, tried)
-            found = better.run(theta, progress, f"heaters without a status, look {number}, ")
-            if found.evidence > point.evidence + _GAINED:
-                moved, stuck = moved or not exchanges, False
-                search, point, held = better, found, tried
-            elif stuck:
-                break
-            else:
-                stuck = not exchanges
-                exchanges = stuck
-        return search.tilted(point)
+                look, is_better = found, True
+            return is_better
+
+        better(_exchanged)
+        # Where times were coarse an exchange may have stayed away: once they are known all are looked at again.
+        while better(_shifted) and better(partial(_exchanged, keeps=True)):
+            pass
+        return look.best
     except SimulationFailure as failure:
         raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
 
@@ -90,14 +76,49 @@ def with_found_states(problem: Problem, theta: FloatArray) -> Problem | None:
     for. Raises FlightcalError where simulations fail there.
     """
     windows = sampled_windows(problem)
-    if heat_of(problem.scenario) is None or not any(own.switching is not None and own.unmeasured for own in windows):
+    if heat_of(problem.scenario) is None or not _are_silent(windows):
         return None
     try:
         held, _ = _settled(problem, windows, [held_by(own, problem.at(own, theta)) for own in windows], theta)
     except SimulationFailure as failure:
         raise FlightcalError(f"heaters without a status: {failure}, next to the mode") from None
-    known = (own if of_own is None else hold(own, of_own) for own, of_own in zip(windows, held, strict=True))
-    return replace(problem, windows=tuple(known), open_loop=None)
+    return replace(problem, windows=_holding(windows, held), open_loop=None)
+
+
+def _are_silent(windows: Sequence[Window]) -> bool:
+    """Whether nobody knows what some heater did that is driven."""
+    return any(window.switching is not None and window.unmeasured for window in windows)
+
+
+def _holding(windows: Sequence[Window], held: Sequence[Held | None]) -> tuple[Window, ...]:
+    """Windows whose heaters do what is held."""
+    return tuple(own if of_own is None else hold(own, of_own) for own, of_own in zip(windows, held, strict=True))
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What heaters do, and the heat that was found with that."""
+
+    held: list[Held | None]
+    search: Search
+    point: HeatPoint
+
+    @property
+    def best(self) -> HeatPoint:
+        """What is sampled around."""
+        return self.search.tilted(self.point)
+
+
+def _looked(
+    problem: Problem,
+    windows: Sequence[Window],
+    held: list[Held | None],
+    theta: FloatArray,
+    progress: Progress,
+    which: str = "",
+) -> _Look:
+    search = _search(problem, windows, held)
+    return _Look(held, search, search.run(theta, progress, which))
 
 
 def _settled(
@@ -124,7 +145,7 @@ def _settled(
 
 def _search(problem: Problem, windows: Sequence[Window], held: Sequence[Held | None]) -> Search:
     """In windows whose heaters do what is held."""
-    known = [own if of_own is None else hold(own, of_own) for own, of_own in zip(windows, held, strict=True)]
+    known = _holding(windows, held)
     model = heat_in_prior(problem, known)
     assert model is not None
     return Search(problem, known, replace(model, held=tuple(own for own in held if own is not None)))
@@ -208,14 +229,20 @@ def _by_power(
     return rest[:, -1], rest[:, :-1]
 
 
-def _shifted(search: Search, held: Sequence[Held | None], point: HeatPoint) -> list[Held | None]:
-    """The same with switches of heaters without a status where the weights of a point have them."""
-    found = list(held)
-    weights = split(point.model, point.model.centre)
-    for k, (window, own) in enumerate(zip(search.windows, held, strict=True)):
+def _exchanged(look: _Look, *, keeps: bool = False) -> list[Held | None]:
+    """What heaters do where states are exchanged; keeps: see `with_states`."""
+    search, point = look.search, look.point
+    return _better_held(search, look.held, search.at(point), point.most_probable, point.around.bases, keeps=keeps)
+
+
+def _shifted(look: _Look) -> list[Held | None]:
+    """The same with switches of heaters without a status where the weights have them."""
+    found, model = list(look.held), look.point.model
+    weights = split(model, model.centre)
+    for k, (window, own) in enumerate(zip(look.search.windows, look.held, strict=True)):
         if own is not None:
             # What is held stands behind what is measured.
-            longer = shifts_of_weights(search.model, window, weights)
+            longer = shifts_of_weights(look.search.model, window, weights)
             longer = longer[len(longer) - len(own.switches) :]
             found[k] = with_shifts(own, longer, window.unmeasured, window.interval)
     return found

@@ -154,8 +154,10 @@ def with_states(held: Held, own: HeaterTimes, on: Bools, *, keeps: bool = False)
         nearest = known[np.abs(known[:, None] - times).argmin(axis=0)]
         times = np.where(np.abs(nearest - times) <= 0.5 * (own.edges[1] - own.edges[0]) + 1e-9, nearest, times)
     spans = list(zip(times[::2].tolist(), times[1::2].tolist(), strict=True))
-    before = {time: within for time, which, within in held.switches if which == own.heater} if keeps else {}
-    return with_other(held, own.heater, spans, _WITHIN * max(float(own.edges[1]), own.interval), before)
+    within = dict.fromkeys(times.tolist(), _WITHIN * max(float(own.edges[1]), own.interval))
+    if keeps:
+        within |= {time: before for time, which, before in held.switches if which == own.heater}
+    return with_other(held, own.heater, spans, within)
 
 
 def with_shifts(held: Held, longer: FloatArray, heaters: Collection[int], least: float) -> Held:
@@ -164,12 +166,16 @@ def with_shifts(held: Held, longer: FloatArray, heaters: Collection[int], least:
     Each switch is then known twice as well, within `least` s at best.
     """
     begins = {(time, heater) for time, _, heater in held.on}
-    moments, known = {}, {}
+    moments = {}
     for (time, heater, within), more in zip(held.switches, longer, strict=True):
         shift = float(np.clip(more, -0.5 * within, 0.5 * within)) if heater in heaters else 0.0
-        moved = time - shift if (time, heater) in begins else time + shift
-        moments[time, heater], known[moved] = moved, max(0.5 * within, min(within, least))
+        moments[time, heater] = time - shift if (time, heater) in begins else time + shift
     for heater in heaters:
+        known = {
+            moments[time, heater]: max(0.5 * within, min(within, least))
+            for time, which, within in held.switches
+            if which == heater
+        }
         spans = [
             (moments.get((begin, heater), begin), moments.get((end, heater), end))
             for begin, end, which in held.on
@@ -177,7 +183,7 @@ def with_shifts(held: Held, longer: FloatArray, heaters: Collection[int], least:
         ]
         edges = np.array(spans).ravel()
         if len(edges) and bool((np.diff(edges) > 0.0).all()):
-            held = with_other(held, heater, spans, least, known)
+            held = with_other(held, heater, spans, known)
     return held
 
 

@@ -105,8 +105,9 @@ def run_experiment(
         data = read(scenario)
     with progress.stage("building the problem (the first time it compiles the simulator)"):
         problem = build_problem(scenario, data)
-        for name in scenario.windows.keys() - {window.name for window in problem.windows}:
-            build_window(scenario, data, name)  # what is wrong with it is said before anything is changed
+        for name in scenario.windows:
+            if name not in scenario.train_windows:
+                build_window(scenario, data, name)  # what is wrong with it is said before anything is changed
     with open_for(scenario, Path(out), progress, data) as run:
         keep_what_was_read(run, data, problem)
         return _run_stages(run, problem, data, text, searched)

@@ -148,8 +148,8 @@ def _of_faces(scenario: Scenario) -> Iterator[str]:
             yield f"simulator.faces.{name}: its area is {face.area:g} m^2; check its unit"
     environment = scenario.environment
     for field, does, usual, feel in (
-        ("albedo", "reflects", "about 0.3", [name for name, face in faces.items() if face.absorptivity]),
-        ("earth_infrared", "radiates", "about 237 W/m^2", [name for name, face in faces.items() if face.emissivity]),
+        ("albedo", "reflects", "about 0.3", any(face.absorptivity for face in faces.values())),
+        ("earth_infrared", "radiates", "about 237 W/m^2", any(face.emissivity for face in faces.values())),
     ):
         zero = not getattr(environment, field) and f"environment.{field}" not in scenario.uncertain
         if zero and environment.orbit is not None and feel:

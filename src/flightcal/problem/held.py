@@ -58,22 +58,16 @@ def _in_gap(
     return first, moments
 
 
-def with_other(
-    held: Held,
-    heater: int,
-    on: Sequence[tuple[float, float]],
-    within: float,
-    known: Mapping[float, float] | None = None,
-) -> Held:
-    """The same with one heater that is on in other spans, s from the window's start, each known within so many s.
+def with_other(held: Held, heater: int, on: Sequence[tuple[float, float]], within: Mapping[float, float]) -> Held:
+    """The same with one heater that is on in other spans, s from the window's start.
 
-    known: of some of their moments, within how many s these are known.
+    within: of their moments, how many s each is known within; at the ends of a gap nothing switches.
     """
     gaps = [(begin, end) for begin, end, which in held.gaps if which == heater]
     edges = {time for span in on for time in span} - {time for gap in gaps for time in gap}
     spans = [own for own in held.on if own[2] != heater] + [(begin, end, heater) for begin, end in on]
     switches = [own for own in held.switches if own[1] != heater]
-    switches += [(time, heater, (known or {}).get(time, within)) for time in edges]
+    switches += [(time, heater, within[time]) for time in edges]
     return Held(held.window, held.gaps, tuple(sorted(spans)), tuple(sorted(switches)))
 
 

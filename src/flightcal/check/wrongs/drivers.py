@@ -14,11 +14,23 @@ from ...problem import Window
 from ...report import number
 from ...scenario import Heat, Load, load_coefficient
 from ...simulator import FloatArray
-from ...telemetry import driver_series
 from ..evidence import Fit
 from ..sunlight import FINE
 from ..view import View, pieces
-from .wrong import FACTORS, FEW_TIMES, LACKED, PIECES, POWER, Words, Wrong, at_node, flow_through, load_series, put
+from .wrong import (
+    FACTORS,
+    FEW_TIMES,
+    LACKED,
+    PIECES,
+    POWER,
+    Words,
+    Wrong,
+    at_node,
+    driver_values,
+    flow_through,
+    load_series,
+    put,
+)
 
 _MOST_POINTS = 6
 """Of a table, any two of which may be exchanged."""
@@ -181,22 +193,23 @@ def other_nodes(view: View) -> Iterator[Wrong]:
 
 def left_out(view: View) -> Iterator[Wrong]:
     """Something heats a node as a driver says that no load follows."""
-    scenario, fine = view.window.scenario, view.network.drive.times
+    scenario = view.window.scenario
     over = scenario.heat.pattern.over if isinstance(scenario.heat, Heat) and scenario.heat.pattern else None
     followed = {over, *(load.driver for load in scenario.network.loads.values())}
-    known = {
-        name: channel
+    known = [
+        name
         for name, channel in scenario.telemetry.channels.items()
-        if channel.kind == "driver" and not channel.is_angle and name not in followed and name in view.telemetry
-    }
-    for (name, channel), node in product(known.items(), view.heat.nodes):
-        times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[name].to_numpy())]
-        if not len(times):
-            continue
-        at = np.clip(view.utc(fine), times[0], times[-1])
+        if channel.kind == "driver"
+        and not channel.is_angle
+        and name not in followed
+        and name in view.telemetry
+        and np.isfinite(view.telemetry[name].to_numpy()).any()
+    ]
+    for name in known:
         with suppress(FlightcalError):
-            values = driver_series(view.telemetry, name, at, fill=channel.bridge, period=view.window.period)
-            yield from _as_driver_says(view, name, node, values, len(known) * len(view.heat.nodes))
+            values = driver_values(view, name, view.network.drive.times)
+            for node in view.heat.nodes:
+                yield from _as_driver_says(view, name, node, values, len(known) * len(view.heat.nodes))
 
 
 def _as_driver_says(view: View, driver: str, node: str, values: FloatArray, tries: float) -> Iterator[Wrong]:

@@ -80,7 +80,7 @@ def modes(view: View) -> Iterator[Wrong]:
 
 def _common(view: View, node: str) -> float:
     """W that all modes have in common in a node, which is no matter of any mode."""
-    return min(own.get(node, 0.0) for own in view.window.scenario.network.modes.values())
+    return min((own.get(node, 0.0) for own in view.window.scenario.network.modes.values()), default=0.0)
 
 
 def _mode_elsewhere(view: View, mode: str, responses: Mapping[str, FloatArray]) -> Iterator[Wrong]:
@@ -269,9 +269,8 @@ def upper(values: FloatArray) -> tuple[NDArray[np.bool_], float]:
 
 def constant_heat(view: View) -> Iterator[Wrong]:
     """A node takes more all the time than the scenario says, as of electronics that are never off, or less."""
-    modes = view.window.scenario.network.modes.values()
     for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
-        written = min((powers.get(node, 0.0) for powers in modes), default=0.0)
+        written = _common(view, node)
         less = [-share * written for share in _LESS if written > 0.0]
         yield from _always(view, node, [*(max(share * flow, 0.1) for share in _ALL_THE_TIME), *less])
 

@@ -230,10 +230,15 @@ def load_series(
     of: what the driver is in the place of what it reads, SI. Raises TelemetryError.
     """
     written = view.window.scenario.telemetry.channels[channel]
+    return load_driver(load, written)(of(driver_values(view, channel, seconds)))
+
+
+def driver_values(view: View, channel: str, seconds: FloatArray) -> FloatArray:
+    """[M] SI of a driver's channel at seconds [M]; outside of its samples it stays. Raises TelemetryError."""
+    fill = view.window.scenario.telemetry.channels[channel].bridge
     times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[channel].to_numpy())]
     at = np.clip(view.utc(seconds), times[0], times[-1])
-    values = driver_series(view.telemetry, channel, at, fill=written.bridge, period=view.window.period)
-    return load_driver(load, written)(of(values))
+    return driver_series(view.telemetry, channel, at, fill=fill, period=view.window.period)
 
 
 def put(
