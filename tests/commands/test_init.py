@@ -195,6 +195,17 @@ def test_a_status_and_a_current_of_one_heater_are_one_heater(tmp_path: Path):
     assert "# htr_bat_cur_ma is on and off as htr_bat_st is: the same heater." in text
 
 
+def test_a_flag_of_the_shadow_is_said_to_be_one(tmp_path: Path):
+    table = frame(80).assign(ECL_FLAG=np.arange(80) // 20 % 2)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    assert result.exit_code == 0, result.output
+    lint(tmp_path / "sat")
+    text = (tmp_path / "sat" / "scenario.yaml").read_text()
+    assert "`eclipse: {measured_by: ecl_flag}` takes the shadow" in text
+    assert "ecl_flag" not in load_scenario(tmp_path / "sat" / "scenario.yaml").network.heaters
+
+
 def test_raw_readings_and_bits_of_a_word_are_written_as_such(tmp_path: Path):
     table = frame(40).drop(columns="HTR")
     table["ANT_TEMP_RAW"], table["HTR_WORD"] = 2100 + np.arange(40), np.where(np.arange(40) // 5 % 2, 66, 64)

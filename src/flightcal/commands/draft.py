@@ -283,6 +283,7 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
     heaters = guess.heaters(dataset, statuses, nodes)
     same = guess.same_heaters(dataset, heaters)
     heaters = {name: node for name, node in heaters.items() if name not in same}
+    shadow = [name for name in statuses if guess.tells_shadow(name)][:1]
     period = guess.period(dataset, nodes)
     links = [f"    - {{between: [{a}, {b}], conductance: 0.5 W/K}}" for a, b in pairwise(nodes)]
     lines = [
@@ -291,6 +292,7 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
         "# Of a probe without an orbit, leave the block out.",
         *(["# In these telemetry files the temperatures come again after about this time."] if period else []),
         f"environment: {{period: {f'{period / 60:.4g}' if period else '95'} min}}",
+        *(f"# With `orbit`, `eclipse: {{measured_by: {name}}}` takes the shadow from the flag." for name in shadow),
         "",
         "# PLACEHOLDER: every number of the thermal network.",
         "simulator:",

@@ -27,6 +27,7 @@ _SHORT = np.timedelta64(90, "m")
 _MANY, _SHORTEST_GAP = 10, 15 * 60e9
 """An interval of more than so many usual ones, and of more ns than this, is a gap that a window had better not have."""
 _HEATER, _SUN = re.compile("htr|heat|thermostat"), re.compile("ecl|sun|umbra|shadow|day|night")
+_SHADOW = re.compile("(^|_)ecl|umbra|shadow|night")
 _SOME = 3
 """Temperatures, of which more than half seem to obey what tells the Sun."""
 _SAME, _SWITCHES = 0.8, 4
@@ -52,6 +53,11 @@ def heaters(dataset: xarray.Dataset, statuses: Sequence[str], nodes: Sequence[st
         for name in statuses
         if _HEATER.search(name) or _obeyed(dataset, name, nodes)
     }
+
+
+def tells_shadow(status: str) -> bool:
+    """Whether a status is on in the shadow, by its name."""
+    return bool(_SHADOW.search(status)) and not _HEATER.search(status)
 
 
 def same_heaters(dataset: xarray.Dataset, nodes: Mapping[str, str]) -> dict[str, str]:

@@ -33,7 +33,7 @@ _USUAL_EPOCHS = {
 """Of clocks of spacecraft, and whether they count leap seconds too."""
 _DEEPEST_HEADER = 20
 """So far down a file's title may reach."""
-_STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
+_STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|flag|ecl|umbra|(^|[_. ])(on|sw)($|[_. ])")
 _HEATER_NAME = re.compile(
     r"(?i)(htr|heater).*(cur|amp|pow|_i\b|\b[mk]?[AW]\b|_[mk]?[AW]$)|(cur|pow|^[iIpP]_).*(htr|heater)"
 )
@@ -49,6 +49,8 @@ _TEMPERATURE_NAME = re.compile(
     r"|^t(bat[a-z]*|obc|eps|pcb|cpu|pan[a-z]*|trx|rad[a-z]*|pay[a-z]*|cam|tank|[pm][xyz]|[xyz][pm])\d*$"
     r"|^t(pnl|panel|north|south|east|west|top|bottom|front|rear|zenith|nadir|str|struct|ccd|det|mli)(_?[a-z\d]{1,2})?$"
 )
+_THERMOCOUPLE_NAME = re.compile(r"(?i)^tc[_.\d-]")
+"""Counters of telecommands are called so too, and are whole."""
 _KELVIN_NAME = re.compile(r"[_ ./]K$")
 _KELVINS = (150.0, 450.0)
 """Of a satellite: what ends in K and is between these is a temperature."""
@@ -329,7 +331,8 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
         return FoundColumn(name, "temperature", unit)
     middle = float(np.median(values))
     in_kelvins = _KELVINS[0] < middle < _KELVINS[1]
-    if unit is None and (_TEMPERATURE_NAME.search(name) or (in_kelvins and _KELVIN_NAME.search(name))):
+    named = _TEMPERATURE_NAME.search(name) or (in_kelvins and _KELVIN_NAME.search(name))
+    if unit is None and (named or (_THERMOCOUPLE_NAME.search(name) and (values % 1.0).any())):
         if not in_kelvins and not _CELSIUSES[0] < middle < _CELSIUSES[1]:
             low, high = np.quantile(values, (0.02, 0.98))
             return FoundColumn(name, "temperature", None, raw=(float(low), float(max(high, low + 1.0))))
