@@ -47,6 +47,13 @@ def done(folder):
     return check(written_to(folder), folder / "run", "--profile", "link")
 
 
+def test_advice_on_the_scenario_is_told_first(tmp_path):
+    written = small.content()
+    written["simulator"]["heaters"]["heater"]["power"] = "30 kW"
+    told = check(written_to(tmp_path, written), tmp_path / "run").output
+    assert "advice: parameters.power: its prior is from 15 to 45" in " ".join(told.split())
+
+
 def test_a_scenario_without_faults_is_ready_to_sample(done, folder):
     assert done.exit_code == 0, done.output
     assert "Ready to sample" in done.output

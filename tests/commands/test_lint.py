@@ -86,3 +86,16 @@ def test_a_number_that_its_parameters_prior_does_not_reach_is_told(tmp_path: Pat
         result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
         assert result.exit_code == 0, result.output
         assert ("advice: parameters.power: its prior is from 15 to 45" in result.output) is told
+
+
+def test_steps_that_no_number_of_them_makes_exact_are_told(tmp_path: Path):
+    written = sunlit()
+    del written["simulator"]["step"]
+    small.load(tmp_path, written)
+    assert "leave an error" not in run(app, ["lint", str(tmp_path / "scenario.yaml")]).output
+    faces = written["simulator"]["faces"]
+    faces[next(iter(faces))]["area"] = "4000 m^2"
+    small.load(tmp_path, written)
+    told = run(app, ["lint", str(tmp_path / "scenario.yaml")]).output
+    assert "advice: window train: " in told
+    assert "leave an error of 0." in told

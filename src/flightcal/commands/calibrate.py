@@ -95,6 +95,7 @@ def run_experiment(
     from ..reduction import is_reduction, scenario_of
     from ..scenario import load_scenario
     from ..telemetry import read
+    from .advice import advice
     from .folder import keep_what_was_read, open_for
 
     if is_reduction(scenario_file):
@@ -108,6 +109,8 @@ def run_experiment(
         for name in scenario.windows:
             if name not in scenario.train_windows:
                 build_window(scenario, data, name)  # what is wrong with it is said before anything is changed
+    for line in advice(scenario, data, problem.windows):
+        progress.say(f"advice: {line}")
     with open_for(scenario, Path(out), progress, data) as run:
         keep_what_was_read(run, data, problem)
         return _run_stages(run, problem, data, text, searched)

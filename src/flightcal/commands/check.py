@@ -65,6 +65,7 @@ def check_scenario(
     from ..problem import build_problem
     from ..scenario import load_scenario
     from ..telemetry import read
+    from .advice import advice
     from .folder import key_of_telemetry, open_for, parameter_records
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
@@ -74,6 +75,8 @@ def check_scenario(
         check_names(problem, list(profiles))
         if profiles and needs_emulator(problem):
             raise ScenarioError("--profile: found a simulator without derivatives, expected one with them")
+    for line in advice(scenario, data, problem.windows):
+        progress.say(f"advice: {line}")
     with open_for(scenario, Path(out), progress, data) as run:
         effort = effort_for(problem, runs)
         prior_runs = PriorRuns(problem, effort.draws)

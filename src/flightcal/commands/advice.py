@@ -1,0 +1,171 @@
+"""What is not wrong with a scenario and its telemetry, and had better be otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..problem import Window
+    from ..scenario import Scenario
+
+_RARE = 1e-9
+"""Probability of a prior, beyond which nobody means what is written."""
+_ALIKE = 0.1
+"""Of the prior's range, by which what is written may lie beyond it."""
+_LARGE = 100.0
+"""m^2, of a face, beyond which it may be in cm^2."""
+_MUCH = 0.5
+"""Share of a driver's samples beyond a table, from which it is told."""
+_SHORT = 10.0
+"""s, by which temperatures do not tell that a driver is late."""
+_COARSE = 0.05
+"""K, of the integration: more than a thermistor's step."""
+
+
+def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) -> Iterator[str]:
+    """What is not wrong, and had better be otherwise; trained: the windows to train on."""
+    yield from _of_sampling(data, sum(len(window.times) for window in trained))
+    yield from _of_channels(scenario, data)
+    yield from _of_faces(scenario)
+    yield from _of_priors(scenario)
+    yield from _of_tables(scenario, data)
+    yield from _of_observations(scenario, data)
+    yield from _of_steps(trained)
+
+
+def _of_sampling(data: xarray.Dataset, rows: int) -> Iterator[str]:
+    """Of samples that means would tell as much as."""
+    from ..telemetry import ENOUGH, LONG, MANY, dense_channels
+
+    dense, length = dense_channels(data), ENOUGH
+    if not dense and rows > MANY:
+        dense, length = dense_channels(data, below=0.5 * LONG), LONG
+    if dense:
+        some, more = next(iter(dense)), f" and {len(dense) - 1} more" if len(dense) > 1 else ""
+        yield (
+            f"telemetry: samples are {dense[some]:.3g} s apart ({some}{more}); "
+            f"write 'average: {length:g} s' below 'telemetry:': means tell as much of temperatures that change in "
+            "minutes, and calibration takes a fraction of the time and memory"
+        )
+
+
+def _of_channels(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of drivers that are held though they are sampled, and of samples to leave out that are not there."""
+    import numpy as np
+
+    from ..telemetry import sampled_every
+
+    times, half = data["time"].values, np.timedelta64(round(5e8 * data.attrs.get("average_s", 0.0)), "ns")
+    for channel, own in scenario.telemetry.channels.items():
+        every = sampled_every(data, channel) if own.kind == "driver" and own.fill == "hold" else None
+        if every is not None and every > _SHORT:
+            yield (
+                f"telemetry.channels.{channel}: its samples come every {every:.3g} s, so with 'fill: hold' a change is "
+                f"up to {every:.3g} s late; leave 'fill' out, unless a sample is sent at the moment of each change"
+            )
+        for span in own.leave_out:
+            start, end = np.datetime64(span.start) - half, np.datetime64(span.end) + half
+            if not ((times >= start) & (times <= end)).any():
+                yield (
+                    f"telemetry.channels.{channel}: no sample is from {span.start.isoformat()} to "
+                    f"{span.end.isoformat()}, which 'leave_out' names; check its dates"
+                )
+
+
+def _of_faces(scenario: Scenario) -> Iterator[str]:
+    """Of faces that are larger than a satellite's, or that the Earth sends nothing to."""
+    from ..scenario import SimulatorModel
+
+    if not isinstance(scenario.simulator, SimulatorModel):
+        return
+    faces = scenario.simulator.faces
+    for name, face in faces.items():
+        if face.area > _LARGE:
+            yield f"simulator.faces.{name}: its area is {face.area:g} m^2; check its unit"
+    environment = scenario.environment
+    for field, does, usual, feel in (
+        ("albedo", "reflects", "about 0.3", any(face.absorptivity for face in faces.values())),
+        ("earth_infrared", "radiates", "about 237 W/m^2", any(face.emissivity for face in faces.values())),
+    ):
+        zero = not getattr(environment, field) and f"environment.{field}" not in scenario.uncertain
+        if zero and environment.orbit is not None and feel:
+            yield (
+                f"environment.{field}: it is 0, so the Earth {does} nothing to the satellite, and other numbers make "
+                f"up for that; write {usual}, unless something else brings this heat"
+            )
+
+
+def _of_priors(scenario: Scenario) -> Iterator[str]:
+    """Of numbers that the priors in their place do not reach."""
+    from ..probability import Priors
+    from ..scenario import written_values
+
+    priors = Priors(tuple(scenario.parameters), tuple(own.prior for own in scenario.parameters.values()))
+    lowest, highest = (priors.quantile(share) for share in (_RARE, 1.0 - _RARE))
+    for (name, value), low, high in zip(written_values(scenario).items(), lowest, highest, strict=True):
+        beyond = max(low - value, value - high) > _ALIKE * (high - low)
+        if beyond and (sets := scenario.parameters[name].sets):
+            yield (
+                f"parameters.{name}: its prior is from {low:.3g} to {high:.3g} (SI), and {sets[0]} is written as "
+                f"{value:.3g}; the prior is what counts: check the units of both"
+            )
+
+
+def _of_tables(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of drivers that lie beyond the tables of loads."""
+    import numpy as np
+
+    from ..scenario import SimulatorModel, table_places
+
+    loads = scenario.simulator.loads if isinstance(scenario.simulator, SimulatorModel) else {}
+    for name, load in loads.items():
+        values = data[load.driver].values[np.isfinite(data[load.driver].values)]
+        if not load.table or not len(values):
+            continue
+        values = np.abs(values) if load.absolute else values
+        first, *_, last = table_places(load, scenario.telemetry.channels[load.driver])
+        outside = np.mean((values < first) | (values > last))
+        if outside > _MUCH:
+            yield (
+                f"simulator.loads.{name}: {outside:.0%} of the samples of '{load.driver}' lie beyond its table, whose "
+                f"ends then count; check 'unit' of '{load.driver}'"
+            )
+
+
+def _of_observations(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of a status that never changes, and of correlated noise beside steps that it does not explain."""
+    import numpy as np
+
+    from ..scenario import noise_of
+    from ..telemetry import quantisation_step
+
+    for channel, item in scenario.observations.items():
+        on = data[channel].values[np.isfinite(data[channel].values)]
+        if item.heater is not None and len(on) and (on == on[0]).all():
+            state = "on" if on[0] > 0.5 else "off"
+            yield f"observations.{channel}: it is {state} in all {len(on)} samples; check what tells that it is {state}"
+        step = None if item.heater is not None else quantisation_step(data[channel].values)
+        if step is None:
+            continue
+        noise = noise_of(scenario, channel)
+        if noise.model == "ar1" and noise.white is None:
+            yield (
+                f"observations.{channel}: its samples come in steps of {step:.3g} K, which correlated noise alone does "
+                f"not explain; write 'white' beside 'model: ar1', such as 'white: {step / 12**0.5:.2g} K' (a step over "
+                "root 12)"
+            )
+
+
+def _of_steps(trained: Sequence[Window]) -> Iterator[str]:
+    """Of a simulator that no time grid makes exact."""
+    for window in trained:
+        accuracy = None if window.network is None else window.network.accuracy
+        if accuracy is not None and accuracy.error > _COARSE:
+            yield (
+                f"window {window.name}: {accuracy.steps} steps leave an error of {accuracy.error:.2g} K; some number "
+                "makes a node change by tens of kelvins in seconds: check the units of capacities, conductances, areas "
+                "and powers"
+            )
