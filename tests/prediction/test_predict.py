@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flightcal.prediction import predict
-from flightcal.prediction.initial import condition_initial
+from flightcal.prediction.initial import around_usual, condition_initial
 from flightcal.prediction.predict import STOCHASTIC
-from flightcal.problem import build_problem
+from flightcal.problem import build_problem, build_window
 
 from .. import small
 
@@ -55,6 +55,28 @@ PREDICTIONS = (
     "mean", "lower", "upper", "standard_deviation", "model_lower", "model_upper", "status", "duty_cycle",
     "switch_count", "energy", "point_duty_cycle", "point_switch_count", "point_energy",
 )  # fmt: skip
+
+
+def test_a_node_without_a_channel_starts_where_training_had_it_and_not_where_training_starts(tmp_path):
+    """Nothing measures the panel, whose 60 degC at the start of training are soon forgotten."""
+    whole = build_problem(*small.load(tmp_path))
+    written = small.content()
+    written["observations"].pop("panel_temp")
+    written["simulator"]["nodes"]["panel"]["initial"] = "60 degC"
+    scenario, data = small.load(tmp_path, written)
+    problem = build_problem(scenario, data)
+    values = {"noise.body_temp": 0.1, "noise.panel_temp": 0.1, "initial.body": 285.0, "initial.panel": 333.15}
+    theta, of_whole = (
+        np.array([(values | small.TRUTH)[name] for name in names]) for names in (problem.names, whole.names)
+    )
+    found = build_window(scenario, data, "test", span=600.0)
+    usual = around_usual(found, problem, np.stack([theta - 1e-6, theta + 1e-6]))
+    written_start, start = (own.reads["initial.panel"] for own in (found, usual))
+    assert (written_start.mean, written_start.standard_deviation) == (333.15, 5.0)
+    course = whole.simulate_many(of_whole[None])[0][0].temperatures[:, 1]
+    assert start.mean == pytest.approx(course.mean(), abs=0.3)
+    assert start.standard_deviation == pytest.approx(course.std(), rel=0.05)
+    assert usual.reads["initial.body"] is found.reads["initial.body"]
 
 
 def test_the_first_samples_of_an_unseen_window_are_not_scored_and_all_others_are(case):

@@ -9,19 +9,59 @@ The update is iterated (Gauss-Newton), with a Jacobian at the median of the draw
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..problem import Window
-from ..scenario import Normal
-from ..simulator import FloatArray
+from ..problem import Problem, Window
+from ..scenario import ExternalModel, Normal
+from ..simulator import FloatArray, SimulationFailure, courses
 from .errors import FirstErrors, WhiteErrors
 
 _DIFFERENCE = 0.01  # K
 _MOST_TRIED = 4
 """Heaters without a status, of which all states at first are tried."""
 _ITERATIONS = 3  # a heater that switches in the span bends what is linear otherwise
+
+
+def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
+    """The window with nodes that none of its samples tells of anywhere where training had them, at draws [S, d].
+
+    What the scenario says of where these start is of a training window's start. In the mean of the draws they were
+    around a mean, by a deviation that is no less than what the scenario says. A reduced model's file says it itself.
+    """
+    model = first.scenario.simulator
+    if isinstance(model, ExternalModel) or model.reduced_model is not None:
+        return first
+    told = {
+        first.scenario.observations[channel].node
+        for channel, observed in zip(first.simulator.channels, first.observed.T, strict=True)
+        if np.isfinite(observed).any()
+    }
+    starts = [name for name in first.names if name.startswith("initial.")]
+    untold = [name for name in starts if name.removeprefix("initial.") not in told]
+    found, lasted = [], []
+    for window in problem.windows if untold else ():
+        theta = problem.at(window, draws.mean(axis=0))[window.simulated]
+        try:
+            assert window.network is not None
+            course, steps = courses(window.network, [name.removeprefix("initial.") for name in untold], theta)
+        except SimulationFailure:
+            continue
+        found.append(course)
+        lasted.append(steps)
+    if not found:
+        return first
+    kelvins, weights = np.concatenate(found), np.concatenate(lasted)
+    mean = np.average(kelvins, axis=0, weights=weights)
+    deviation = np.sqrt(np.average((kelvins - mean) ** 2, axis=0, weights=weights))
+    reads = dict(first.reads)
+    for name, own, spread in zip(untold, mean.tolist(), deviation.tolist(), strict=True):
+        written = first.reads[name]
+        assert isinstance(written, Normal)
+        reads[name] = Normal(mean=own, standard_deviation=max(spread, written.standard_deviation))
+    return replace(first, reads=reads)
 
 
 def condition_initial(

@@ -21,7 +21,7 @@ from .ensemble import Ensemble, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
 from .heat import DrawnHeat, Heated, draw_heat, heated_window
 from .holding import replicate
-from .initial import condition_initial, condition_start
+from .initial import around_usual, condition_initial, condition_start
 from .innovations import innovations, noise_in_words
 from .labels import LABELS
 from .unseen import unseen_attribute
@@ -60,7 +60,7 @@ def predict(
     for_draws = stand_in(window)
     thetas = problem.at(window, np.stack(list(points.values())) if points else np.empty((0, draws.shape[1])))
     inside = problem.at(window, draws, rng)
-    first = None if name in trained else _first_of(problem, window, telemetry)
+    first = None if name in trained else around_usual(_first_of(problem, window, telemetry), problem, draws)
     scored = np.ones(len(window.times), bool) if first is None else window.times > first.times[-1]
     heated, errors = None, None
     if problem.heat is not None:

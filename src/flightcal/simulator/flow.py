@@ -17,6 +17,16 @@ _LEAST_FLOW = 1e-3
 """W, of a node through which nothing flows."""
 
 
+def courses(simulator: NetworkSimulator, nodes: Sequence[str], theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Temperatures [K, h] of nodes in the middle of the steps, at theta [d], and the steps' lengths [K], s.
+
+    Raises SimulationFailure.
+    """
+    run = integrate(simulator.network.structure, simulator.system(theta), simulator.drive, derivative=False)
+    places = [simulator.network.nodes.index(name) for name in nodes]
+    return 0.5 * (run.states[1:] + run.states[:-1])[:, places], np.diff(simulator.drive.times)
+
+
 def flow_through(
     simulator: NetworkSimulator, scenario: Scenario, nodes: Sequence[str], theta: FloatArray
 ) -> FloatArray:
