@@ -36,7 +36,7 @@ _IDLE = 0.01
 _TELLS: dict[Kind, str] = {
     "surface": "eclipses or attitudes",
     "power": "modes or powers",
-    "path": "heater pulses",
+    "path": "heater pulses, modes or powers",
     "other": "changes of sunlight, modes or heaters",
 }
 """What would tell a parameter from heat that the model lacks."""

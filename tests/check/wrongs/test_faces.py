@@ -67,6 +67,24 @@ def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, 
     assert said in first.sentence
 
 
+@pytest.mark.parametrize("period", [None, "20 min"])
+def test_plates_of_a_body_that_spins_are_looked_at(tmp_path, period):
+    model = boxed()
+    spin = {"spin_axis": [0, 0, 1], "direction": [1, 0, 1]}
+    model["environment"]["attitude"] = spin if period is None else spin | {"period": period, "epoch": "2024-03-01"}
+    faces = model["simulator"]["faces"]
+    cells = {"node": "panel", "area": "0.08 m^2", "absorptivity": 0.8, "emissivity": 0.8}
+    faces["top"], faces["below"] = cells | {"normal": [0, 0, 1]}, cells | {"normal": [0, 0, -1], "absorptivity": 0.2}
+    scenario, _ = small.load(tmp_path, model)
+    faces["top"]["normal"], faces["below"]["normal"] = faces["below"]["normal"], faces["top"]["normal"]
+    _, data = small.closed_loop(tmp_path, model)
+    first = named(scenario, data)[0]
+    assert first.title in (
+        "Faces top and below are exchanged",
+        "faces.top and faces.below have each other's absorptivity and emissivity",
+    )
+
+
 @pytest.mark.slow
 def test_axes_of_the_other_hand_are_named(tmp_path):
     written = boxed()

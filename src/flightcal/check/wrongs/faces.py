@@ -74,7 +74,9 @@ def _plates(
 ) -> Iterator[Wrong]:
     """Both sides of a plate look another way: it was not deployed, is hinged otherwise, or its drive stands still."""
     pairs, wings = _two_sided(view, normals)
-    if pairs:
+    attitude = view.window.scenario.environment.attitude
+    # Of a body that spins so fast that means count, no drive turns anything to the Sun.
+    if pairs and not (isinstance(attitude, SpinningAttitude) and attitude.period is None):
         lit = {**lit, **{way: _lit(view, normals, way, seconds) for way in _DRIVEN}}
     plates = [[own] for own in pairs] + wings
     for plate, way in product(plates, lit):
