@@ -121,6 +121,29 @@ def test_modes_and_their_timeline_are_taken_from_a_column(tmp_path: Path):
     ]
 
 
+def test_a_log_of_activities_is_a_timeline_of_modes(tmp_path: Path):
+    frame(40).assign(mode=["a", "b"] * 20).to_csv(tmp_path / "data.csv", index=False)
+    begun, ended = seconds(600.0, 1500.0), seconds(840.0, 1560.0)
+    log = pd.DataFrame({"task": ["Radar", "Down link"], "start": text(begun), "end": text(ended)})
+    log.to_csv(tmp_path / "log.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "log.csv"), str(tmp_path / "data.csv")])
+    assert result.exit_code == 0, result.output
+    assert "modes in 'task' (nominal, Radar, Down link): 4 changes, in timeline.csv\n" in result.output
+    lint(tmp_path / "sat")
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    assert scenario.telemetry.files == ("../data.csv",)
+    assert list(scenario.network.modes) == ["nominal", "radar", "down_link"]
+    # Nothing goes on before the first, from where telemetry begins.
+    assert [(own.at.replace(tzinfo=None), own.mode) for own in scenario.network.timeline] == [
+        (at.astype("datetime64[us]").item(), mode)
+        for at, mode in zip(
+            [seconds(0.0)[0], begun[0], ended[0], begun[1], ended[1]],
+            ["nominal", "radar", "nominal", "down_link", "nominal"],
+            strict=True,
+        )
+    ]
+
+
 def test_windows_have_no_long_gap_in_any_file(tmp_path: Path):
     hours = pd.to_timedelta([0.0] * 40 + [5.0] * 60 + [9.0] * 50, unit="h")
     table = frame(150)

@@ -195,6 +195,7 @@ def test_seconds_of_another_epoch_are_told_by_the_times_of_the_other_files(tmp_p
         ("TMP_BATT", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
         ("OBC T/K", [293.0, 294.5, 290.0, 288.0], ("temperature", "K")),
         ("PROP_TANK_K", [293.0, 294.5, 290.0, 288.0], ("temperature", "K")),
+        ("TM.BAT.T_CELL", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("TC_BAT", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("TC_COUNT", [20, 21, 22, 22], ("driver", "1")),
         ("ecl_flag", [0, 1, 1, 0], ("status", None)),

@@ -66,3 +66,33 @@ def test_changes_go_on_from_file_to_file_in_any_order_and_empty_cells_change_not
     assert tuple(own.name for own in found.changes) == ("safe", "nominal", "safe")
     start = TIMES[0].astype("datetime64[s]").astype(float)
     assert [(own.at - start, own.within) for own in found.changes] == [(0.0, 0.0), (90.0, 60.0), (690.0, 60.0)]
+
+
+LOG = {"activity": ["IMG", "DL", "IMG"], "orbit": [3, 3, 4]}
+
+
+@pytest.mark.parametrize(
+    ("starts", "ends"), [("start_utc", "end_utc"), ("AOS", "LOS"), ("begin", "stop"), ("TIME_FROM", "TIME_UNTIL")]
+)
+@pytest.mark.parametrize("is_reversed", [False, True])
+def test_a_log_of_activities_tells_modes(tmp_path: Path, starts: str, ends: str, is_reversed: bool):
+    first = TIMES[:3] + np.timedelta64(600, "s") * np.arange(3)
+    last = first + np.array([120, 600, 60]).astype("timedelta64[s]")
+    last[1] = first[2]  # one activity follows another at once
+    table = pd.DataFrame({"activity": LOG["activity"], starts: text(first), ends: text(last), "orbit": LOG["orbit"]})
+    if is_reversed:
+        table = table[[ends, "orbit", "activity", starts]].iloc[::-1]
+    found = modes_of(tmp_path, table)
+    assert found is not None
+    assert (found.column, found.of_activities, found.sampled) == ("activity", True, False)
+    expected = [(first[0], "IMG"), (last[0], "nominal"), (first[1], "DL"), (first[2], "IMG"), (last[2], "nominal")]
+    assert list(zip(found.times.astype("datetime64[ns]").tolist(), found.names, strict=True)) == [
+        (at.astype("datetime64[ns]").item(), name) for at, name in expected
+    ]
+
+
+@pytest.mark.parametrize("last", [[120, 1300, 60], [120, -5, 60]], ids=["that overlap", "that end before they start"])
+def test_activities_are_no_modes(tmp_path: Path, last: list[int]):
+    first = TIMES[:3] + np.timedelta64(600, "s") * np.arange(3)
+    table = pd.DataFrame({"start": text(first), "end": text(first + np.array(last).astype("timedelta64[s]")), **LOG})
+    assert modes_of(tmp_path, table) is None

@@ -7,6 +7,7 @@ import os
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -119,7 +120,10 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
                 f"{alone}: found times and no channel; not written. 'timeline_file' in 'environment: attitude' takes a "
                 "timeline of attitudes, and in 'simulator' one of modes"
             )
-    modes = next((packet.modes for packet in packets if packet.modes is not None), None)
+    told = [packet.modes for packet in packets if packet.modes is not None]
+    modes = told[0] if told else None
+    if modes is not None and modes.of_activities:
+        modes = _begun(modes, packets)
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
     text = head + _telemetry(folder, names, channels) + average + _rest(data, channels, modes)
     made = {"scenario.yaml": text}
@@ -127,6 +131,7 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         made[_TIMELINE] = _timeline(modes)
         listed = ", ".join(dict.fromkeys(modes.names))
         notes.append(f"modes in '{modes.column}' ({listed}): {len(modes.changes) - 1} changes, in {_TIMELINE}")
+    notes += [f"modes in '{own.column}': not written; there is one timeline of modes" for own in told[1:]]
     return made, notes
 
 
@@ -142,6 +147,17 @@ def _quaternions(data: xarray.Dataset, channels: Sequence[_Channel]) -> list[lis
         if len(known) and np.mean(np.abs(known - 1.0) < _UNIT_LENGTH) > _NEARLY_ALL:
             found.append(list(some))
     return found
+
+
+def _begun(activities: FoundModes, packets: Sequence[FoundPacket]) -> FoundModes:
+    """The same with nothing going on from where telemetry begins."""
+    from ..telemetry import NOTHING
+
+    begin = min(packet.first for packet in packets if packet.time is not None)
+    if begin >= activities.times[0]:
+        return activities
+    times = np.concatenate([np.array([begin], np.int64), activities.times])
+    return replace(activities, times=times, names=(NOTHING, *activities.names))
 
 
 def _timeline(modes: FoundModes) -> str:

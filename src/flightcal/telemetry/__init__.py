@@ -19,7 +19,7 @@ from .drivers import (
     status_or_unknown,
     switch_bounds,
 )
-from .modes import FoundModes
+from .modes import NOTHING, FoundModes
 from .noise import quiet_noise
 from .quality import quality_table
 from .quantisation import quantisation_step

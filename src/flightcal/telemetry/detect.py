@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import Channel, Readings, TimeColumn, is_temperature, si_unit
-from ._times import is_fill, is_text, time_cells
+from ._times import Nanoseconds, is_fill, is_text, time_cells
 from ._values import NULL_WORDS, is_status
-from .modes import FoundModes, both, lasting, modes_in
+from .modes import FoundModes, activities_in, both, lasting, modes_in, start_and_end
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
 from .readings import comes_again, names_of, typed
@@ -45,7 +45,7 @@ _UNITS = re.compile(r"(?i)^units?$")
 _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
 _TEMPERATURE_NAME = re.compile(
-    r"(?i)temp|therm|thm|tmp|^t$|^t[th]?[_.\d-]|^(ntc|rtd|prt)|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c"
+    r"(?i)temp|therm|thm|tmp|^t$|(^|\.)t[th]?[_.\d-]|^(ntc|rtd|prt)|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c"
     r"|^t(bat[a-z]*|obc|eps|pcb|cpu|pan[a-z]*|trx|rad[a-z]*|pay[a-z]*|cam|tank|[pm][xyz]|[xyz][pm])\d*$"
     r"|^t(pnl|panel|north|south|east|west|top|bottom|front|rear|zenith|nadir|str|struct|ccd|det|mli)(_?[a-z\d]{1,2})?$"
 )
@@ -194,7 +194,8 @@ def _packet_below_title(file: Path, source: Source) -> FoundPacket:
         except TelemetryError as error:
             refusal = refusal or error
             continue
-        if header is None and (packet.columns and not (packet.time and packet.time.invalid)):
+        is_whole = packet.columns and not (packet.time and packet.time.invalid)
+        if header is None and (is_whole or (packet.modes and packet.modes.of_activities)):
             return packet  # no row looks like the end of a title
         found.append(packet)
         if isinstance(source.reader, Parquet):
@@ -225,6 +226,9 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         first, last = float(times.min()), float(times.max())
     found = (clock,) if time is None else time.column
     if time is not None and len(times) == len(table):
+        activities = _activities(table, names, time, times, source)
+        if activities is not None:
+            return FoundPacket((file,), source.sheet, time, found, first, last, (), source.header, modes=activities)
         readings = _readings(table.drop_columns(list(found)))
         if readings is not None:
             return _packet_of_readings(file, source, time, times, table, readings)
@@ -262,6 +266,22 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         tuple(name for name, own in parts.items() if not own and head[name].null_count < len(head[name])),
         modes,
     )
+
+
+def _activities(
+    table: pa.Table, names: list[str], time: TimeColumn, times: Nanoseconds, source: Source
+) -> FoundModes | None:
+    """Modes of a log with a row for each activity; null: the table is none."""
+    column = time.column[0]
+    for other in names:
+        is_end, is_start = start_and_end(column, other), start_and_end(other, column)
+        if other in time.column or not (is_end or is_start):
+            continue
+        second, beside = time_of(table.select([other]), [other], source)
+        if second is not None and len(beside) == len(times):
+            pair = (column, other, times, beside) if is_end else (other, column, beside, times)
+            return activities_in(table, *pair)
+    return None
 
 
 def _readings(table: pa.Table) -> Readings | None:
