@@ -20,7 +20,9 @@ def table_of(title: str, words: Sequence[str], numbers: Sequence[str], **column:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    looks: dict[str, Any] = {"box": SIMPLE_HEAD, "show_edge": False, "pad_edge": False, "collapse_padding": True}
+    # A line is left free above and below, which the edges would be.
+    table = Table(title=f"\n{title}" if title else None, title_justify="left", caption=" ", **looks)
     for heading in words:
         table.add_column(heading, **column)
     for heading in numbers:
