@@ -187,6 +187,22 @@ def test_a_guess_at_where_an_unseen_node_starts_makes_no_model_wrong(run):
     assert about(both, "battery_link lies 6.0 deviations").state == "bad"
 
 
+@pytest.mark.parametrize(("usual", "state"), [(0.999, "good"), (0.95, "warn")])
+def test_a_guess_that_bends_nothing_is_no_caution(run, usual, state):
+    """At 3.5 deviations a prior bends a value by 0.16 of its own where it is a 22nd as wide, and by 1.1 at a third."""
+    initial = next(info for info in run.parameters if info.kind == "initial")
+    infos = [dataclasses.replace(info, observed=info is not initial) for info in run.parameters]
+    own = [
+        p | ({"prior_score": -3.5, "usual_score": usual} if p["name"] == initial.name else {})
+        for p in run.diagnostics["parameters"]
+    ]
+    off = dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": own}, parameters=infos)
+    finding = about(off, "where their priors expect them" if state == "good" else "where its prior expects it")
+    assert finding.state == state
+    assert f"{initial.name} (3.5 deviations below)" in finding.text
+    assert finding.not_for == (() if state == "good" else (f"the value of {initial.name}",))
+
+
 def test_many_priors_that_are_a_little_off_are_a_conflict_together(run):
     names = [info.name for info in run.parameters if info.kind == "parameter"]
     # Each alone is at 2.4 deviations, as one of eleven may be by chance; the sum of eight squares is 46.

@@ -33,6 +33,8 @@ UNEXPLAINED = "everything"
 """Kind of the record that says that nothing simple is wrong, and the model far off."""
 _RESTS = 2.0
 """Times as wide as it is, an interval that is wider than that if fixed numbers are off is named."""
+_GUESSED, _BENDS = 4.0, 0.5
+"""Deviations of a prior that is a guess, and those of the value that it bends, from which it matters."""
 _MEMORY = ".correlation_time"
 _BESIDE_THRESHOLDS = 1.0
 """K, by which a heater switches beside its thresholds, on and off alike, from which it is worth a word."""
@@ -307,6 +309,12 @@ def prior_conflict(run: RunFiles) -> Finding:
     starts = _conflict({name: out_by[name] for name in guessed})
     if starts is not None:
         named = starts[1]
+        if not any(_bent(out_by[name]) for name in named):
+            text = (
+                f"No channel sees where {listed(named[:MOST_NAMED])} begins, and its prior is a guess: "
+                f"{_out_by(out_by, named)}. The telemetry tells it so well that the guess makes no difference."
+            )
+            return Finding("good", "Posteriors lie where their priors expect them", text)
         text = (
             f"No channel sees these nodes, so their priors are guesses: {_out_by(out_by, named)}. A wrong guess bends "
             "these values and what is learnt at the window's beginning, but no prediction of another window."
@@ -319,6 +327,12 @@ def prior_conflict(run: RunFiles) -> Finding:
         f"{len(out_by)} priors that is to be expected."
     )
     return Finding("good", "Posteriors lie where their priors expect them", text)
+
+
+def _bent(own: PriorScore) -> bool:
+    """Whether a prior that is a guess bends a value: by some of its deviation, or it is far off anyhow."""
+    narrowed = float(np.sqrt(max(0.0, 1.0 - own.usual_score**2)))
+    return abs(own.prior_score) > min(_GUESSED, _BENDS / max(narrowed, 1e-9))
 
 
 def _held_drivers(run: RunFiles) -> list[str]:
