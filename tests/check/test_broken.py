@@ -238,6 +238,18 @@ def test_readings_that_stop_at_the_windows_ends_are_clipped_too():
     assert found(np.round(swing / 0.1) * 0.1, swing) is None
 
 
+def test_short_peaks_that_rise_fast_and_fall_slowly_are_clipped_where_the_model_goes_on():
+    since = np.arange(200) % 50.0
+    peaks = 288.0 + 8.0 * np.minimum(since / 2.0, np.exp(-(since - 2.0).clip(0.0) / 12.0))
+    noise = 0.05 * np.random.default_rng(0).standard_normal(200)
+    read = np.round((peaks + noise) / 0.1) * 0.1
+    own = found(np.minimum(read, 292.0), peaks)
+    assert (own.kind, own.title) == ("clipped", "body_temp shows nothing above 18.85 degC")
+    assert found(read, peaks) is None
+    # A model that is half as large again is no sensor that stops.
+    assert found(read, 288.0 + 1.5 * (peaks - 288.0)) is None
+
+
 def test_a_flat_top_within_a_step_is_not_clipped():
     assert found(telemetry(step=2.0, noise=0.0)) is None
 

@@ -24,7 +24,7 @@ from flightcal.scenario import Heat, HeatPattern
 from flightcal.simulator import SimulationFailure
 from tests import small
 
-from .cases import named, silent, spoilt
+from .cases import named, silent, spoilt, sunlit
 
 
 def test_nothing_is_suspected_where_nothing_is_wrong(flown):
@@ -55,6 +55,20 @@ def test_a_status_that_is_always_off_is_told_by_its_thresholds(flown):
     off = spoilt(data, heater_status=0.0 * data["heater_status"])
     first = named(scenario.model_copy(update={"simulator": model}), off)[0]
     assert (first.kind, first.about) == ("thermostat", "heater")
+
+
+def test_a_channel_that_is_stuck_late_in_a_long_window_is_named(tmp_path):
+    """What explains the telemetry is looked for in the first four orbits, of 90 min."""
+    written = small.content()
+    written["windows"]["train"]["end"] = "2024-03-01T12:00:00"
+    written["windows"]["test"] = {"start": "2024-03-01T12:00:00", "end": "2024-03-01T14:00:00"}
+    scenario, data = small.load(tmp_path, written, hours=14.5)
+    data = small.telemetry_of(scenario, data)
+    values = data["panel_temp"].to_numpy().copy()
+    values[600:710] = values[600]
+    told = named(scenario, spoilt(data, panel_temp=values))
+    assert [(own.kind, own.about) for own in told] == [("stuck", "panel_temp")]
+    assert "2024-03-01 10:00" in told[0].sentence
 
 
 def test_a_channel_that_is_stuck_in_the_window_to_test_on_is_named_there_too(flown):
@@ -197,6 +211,14 @@ def test_what_a_channel_shows_by_itself_comes_first_and_is_left_out(flown):
     assert [own.kind for own in found] == ["stuck", "stuck"]  # the window to test on too
 
 
+def test_a_clock_that_is_off_stands_before_a_spike(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
+    late = data.assign_coords(time=data["time"] + np.timedelta64(20, "m"))
+    late["panel_temp"].values[100] += 9.0
+    kinds = [own.kind for own in named(scenario, late)]
+    assert (kinds[0], kinds[-1]) == ("clock", "spike")
+
+
 def test_the_stage_keeps_what_was_found(flown, tmp_path):
     scenario, data = flown
     wrong = spoilt(data, heater_status=1.0 - data["heater_status"])
@@ -315,6 +337,16 @@ def test_what_leaves_more_than_nothing_wrong_is_not_named():
     nothing = fit(0.4, 0.0, size=1.0)
     assert ranked([better("number", fit(0.52, 5.0, size=1.0), 55.0)], nothing) == []
     assert [own.kind for own in ranked([better("number", fit(0.4, 0.0, size=1.0), 55.0)], nothing)] == ["number"]
+
+
+def test_what_leaves_nothing_unusual_stands_before_what_leaves_much_and_explains_little_more():
+    crude, much = fit(1.8, 300.0), better("between", fit(1.1, 50.0), 78.0)
+    for nats, kinds in ((61.8, ["swapped", "between"]), (50.0, ["between"])):
+        whole = better("swapped", fit(0.4, 1.0, size=1.0), nats)
+        assert [own.kind for own in ranked([much, whole], crude)] == kinds
+    # Of two that leave nothing unusual the likelier stands first.
+    both = [better("bias", fit(0.4, 1.0, size=1.0), 78.0), better("swapped", fit(0.4, 1.0, size=1.0), 70.0)]
+    assert [own.kind for own in ranked(both, crude)] == ["bias", "swapped"]
 
 
 def test_only_what_explains_about_as_well_is_named_beside_the_best():

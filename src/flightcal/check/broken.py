@@ -118,6 +118,7 @@ def _clipped(channel: str, times: NDArray[np.datetime64], own: FloatArray, model
         # A parabola that begins and ends with these slopes goes on so far; what comes to rest does not.
         beyond = np.where(np.isfinite(slope), slope, 0.0) * (last - first) / 4.0
         beyond = np.minimum(beyond, np.minimum(np.where(known[0], before, np.inf), np.where(known[1], later, np.inf)))
+        beyond = np.maximum(beyond, _goes_on(modelled if word == "above" else -modelled, first, last))
         if (beyond > _CLIPPED + 4.0 * step_of(own) + 4.0 * noise_of(own)).sum() < 2:
             continue
         return Broken(
@@ -127,6 +128,15 @@ def _clipped(channel: str, times: NDArray[np.datetime64], own: FloatArray, model
             f"Leave these samples out with a narrower 'valid_range' of {channel}", own == extreme,
         )  # fmt: skip
     return None
+
+
+def _goes_on(modelled: FloatArray, first: NDArray[np.int64], last: NDArray[np.int64]) -> FloatArray:
+    """K by which the model rises in stretches [first, last) of `_SLOPE` samples or more, and falls again; else 0."""
+    found = np.zeros(len(first))
+    for k in np.flatnonzero(last - first >= _SLOPE):
+        inside = modelled[first[k] : last[k]]
+        found[k] = inside.max() - max(inside[0], inside[-1])
+    return np.nan_to_num(found)
 
 
 def _motion(

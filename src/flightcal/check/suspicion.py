@@ -41,6 +41,10 @@ _SHOWN, _NEAR = 3, 0.2
 """So many are named at most, and only if the best is not better by `CLEAR` and by so much of what it explains."""
 
 
+_WHOLE = 0.3
+"""Of what the best explains: by so much less, what leaves nothing unusual is named, where the best leaves much."""
+
+
 @dataclass(frozen=True)
 class Suspicion:
     """A simple wrong that explains the telemetry far better than the scenario as it is."""
@@ -113,13 +117,19 @@ def ranked(
     least = min((nats for fit, own, nats in near if explains(fit, own, nats)), default=np.inf)
     # What explains still more, odds counted, is no less likely for leaving more.
     named = [
-        (own, nats)
+        (fit, own, nats)
         for fit, own, nats in near
         if explains(fit, own, nats) or (own.kind in NOT_IMITATED and nats >= least)
     ]
-    most = max((nats for _, nats in named), default=0.0)
-    shown = [own for own, nats in named[:_SHOWN] if most - nats < max(CLEAR, _NEAR * most)]
-    return sorted(shown, key=lambda own: own.kind in _LAST)
+    if not named:
+        return []
+    most = max(nats for _, _, nats in named)
+    # What leaves nothing unusual stands before what leaves much, and may explain somewhat less.
+    whole = [
+        own for fit, own, nats in named if fit.is_usual and not named[0][0].is_usual and nats > (1.0 - _WHOLE) * most
+    ]
+    alike = [own for _, own, nats in named if most - nats < max(CLEAR, _NEAR * most) and own not in whole]
+    return sorted([*whole, *alike][:_SHOWN], key=lambda own: own.kind in _LAST)
 
 
 def unexplained(
