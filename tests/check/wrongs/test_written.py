@@ -18,6 +18,20 @@ def test_a_narrow_prior_that_is_far_off_is_named(flown):
     assert (first.kind, first.about) == ("prior", "link")
 
 
+@pytest.mark.parametrize("times", [3.0, 1.0 / 3.0])
+def test_a_narrow_prior_that_is_three_times_off_is_told_with_what_it_should_be(tmp_path, times):
+    written = small.content()
+    prior = {"lognormal": {"median": "800 J/K", "factor": 1.03}}
+    written["parameters"]["panel_capacity"] = {"sets": "nodes.panel.capacity", "prior": prior}
+    _, data = small.closed_loop(tmp_path, written)
+    prior["lognormal"]["median"] = f"{800.0 * times} J/K"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("prior", "panel_capacity")
+    found = float(first.sentence.split("median of ")[1].split()[0])
+    assert found == pytest.approx(800.0, rel=0.1)
+
+
 def test_a_conductor_that_is_missing_is_named(tmp_path):
     written = small.content()
     _, data = small.closed_loop(tmp_path)

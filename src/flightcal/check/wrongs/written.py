@@ -245,21 +245,35 @@ def _apart(view: View, moved: View) -> FloatArray:
 
 
 def other_priors(view: View) -> Iterator[Wrong]:
-    """The prior of a parameter has the wrong unit or a digit too many; what is nearer to it is seen by `priors`."""
+    """The prior of a parameter is narrow, and has the wrong unit or is a few times what it should be.
+
+    What is nearer to it is seen by `priors`.
+    """
     parameters = [name for name in view.problem.names if name in view.window.scenario.parameters]
-    for name, factor in product(parameters, FACTORS):
-        entry = view.problem.names.index(name)
-        moved = replace(view, moved=((entry, factor),))
-        if not _FAR < _apart(view, moved)[0] < np.inf or (factor > 1.0 and _holds_too_much(view, moved.numbers)):
-            continue
-        value, median = (float(own.median[entry]) for own in (moved, view))
-        unit = view.window.scenario.parameters[name].unit
-        words = Words(
-            f"The prior of {name} is {number(1.0 / factor, 2)} times what it should be",
-            f"The telemetry agrees with a median of {_measured(value, 3, unit)}, not of {number(median, 3)}.",
-            f"Check the prior of {name}, and its unit",
-        )
-        yield Wrong("prior", name, words, moved=moved.moved, tries=_PER_NUMBER * len(parameters))
+    for name, factor in product(parameters, (*FACTORS, *FEW_TIMES)):
+        tries = _PER_NUMBER * len(parameters)
+        yield from _of_prior(view, name, factor, tries, near=factor in FEW_TIMES)
+
+
+def _of_prior(view: View, name: str, factor: float, tries: float, *, near: bool) -> Iterator[Wrong]:
+    """The prior of a parameter moved by a factor; nothing where it could not be so. near: others are tried about it."""
+    entry = view.problem.names.index(name)
+    moved = replace(view, moved=((entry, factor),))
+    if not _FAR < _apart(view, moved)[0] < np.inf or (factor > 1.0 and _holds_too_much(view, moved.numbers)):
+        return
+
+    def closer() -> Iterator[Wrong]:
+        for more in np.linspace(-0.4, 0.4, 7):
+            yield from _of_prior(view, name, factor * float(2.0**more), tries, near=True)
+
+    value, median = (float(own.median[entry]) for own in (moved, view))
+    unit = view.window.scenario.parameters[name].unit
+    words = Words(
+        f"The prior of {name} is {number(1.0 / factor, 2)} times what it should be",
+        f"The telemetry agrees with a median of {_measured(value, 3, unit)}, not of {number(median, 3)}.",
+        f"Check the prior of {name}, and its unit",
+    )
+    yield Wrong("prior", name, words, moved=moved.moved, tries=tries, closer=closer if near else None)
 
 
 def exchanged(view: View) -> Iterator[Wrong]:
