@@ -49,14 +49,19 @@ def test_every_finding_is_a_record_with_its_place(tmp_path: Path):
     )
 
 
-def test_only_the_longest_of_many_runs_are_listed(tmp_path: Path):
+def test_only_the_longest_of_many_runs_are_listed_and_of_single_samples_the_first(tmp_path: Path):
     table = frame(100)
     table.loc[::4, "TT_BAT"] = np.nan
     table.loc[50:51, "TT_BAT"] = np.nan
     (record,) = quality_table(read(tmp_path, table))
     assert record.samples == 27
-    assert record.detail.startswith("25 runs of samples, the longest: 1 from 2024-03-01T00:00:00, ")
-    assert ", 3 from 2024-03-01T00:50:00" in record.detail
+    assert record.detail == (
+        "25 runs of samples: 3 from 2024-03-01T00:50:00; 24 of one sample, the first at 2024-03-01T00:00:00, "
+        "2024-03-01T00:04:00, 2024-03-01T00:08:00"
+    )
+    table.loc[:, "TT_BAT"] = np.where(np.arange(100) % 6 < 2, np.nan, 20.0)
+    (record,) = quality_table(read(tmp_path, table))
+    assert record.detail.startswith("17 runs of samples, the longest: 2 from 2024-03-01T00:00:00, ")
     assert record.detail.count(" from ") == 10
 
 

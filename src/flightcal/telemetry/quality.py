@@ -18,6 +18,10 @@ _FEW = 20
 """Samples, of which it cannot be told whether they come at a pace of their own."""
 LISTED = 10
 """Runs and gaps that a record's detail lists; the longest ones."""
+_SINGLE = 3
+"""Of these, so many of one sample each."""
+_LONG = 100e9
+"""ns."""
 
 
 @dataclass(frozen=True)
@@ -147,13 +151,23 @@ def _record(
 
 def _runs_text(runs: list[tuple[int, np.datetime64]], noun: str) -> str:
     number = f"{len(runs)} run{'s' if len(runs) > 1 else ''} of {noun}s"
-    return _longest(number, [(samples, time, str(samples)) for samples, time in runs])
+    single = [time for samples, time in runs if samples == 1]
+    if len(runs) <= LISTED or len(single) <= _SINGLE:
+        return _longest(number, [(samples, time, str(samples)) for samples, time in runs])
+    some = f"{len(single)} of one {noun}, the first at {', '.join(map(clock_text, single[:_SINGLE]))}"
+    longer = [(samples, time, str(samples)) for samples, time in runs if samples > 1]
+    return f"{_longest(number, longer)}; {some}" if longer else f"{number}: {some}"
 
 
 def _gaps_text(gaps: list[Gap]) -> str:
     lengths = [(gap.end - gap.start, np.datetime64(gap.start, "ns")) for gap in gaps]
     number = f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''}"
-    return _longest(number, [(length, begin, f"{length / 1e9:g} s") for length, begin in lengths])
+    return _longest(number, [(length, begin, _seconds(length)) for length, begin in lengths])
+
+
+def _seconds(length: int) -> str:
+    """ns in words; of long ones no fractions are told."""
+    return f"{round(length / 1e9)} s" if length > _LONG else f"{length / 1e9:g} s"
 
 
 def _longest(number: str, spells: list[tuple[int, np.datetime64, str]]) -> str:
