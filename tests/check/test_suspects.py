@@ -344,6 +344,9 @@ def test_what_leaves_nothing_unusual_stands_before_what_leaves_much_and_explains
     for nats, kinds in ((61.8, ["swapped", "between"]), (50.0, ["between"])):
         whole = better("swapped", fit(0.4, 1.0, size=1.0), nats)
         assert [own.kind for own in ranked([much, whole], crude)] == kinds
+    # Without a channel that belongs nowhere there is always less that is unusual.
+    without = better("unrelated", fit(0.4, 1.0, size=1.0), 70.0)
+    assert [own.kind for own in ranked([much, without], crude)] == ["between", "unrelated"]
     # Of two that leave nothing unusual the likelier stands first.
     both = [better("bias", fit(0.4, 1.0, size=1.0), 78.0), better("swapped", fit(0.4, 1.0, size=1.0), 70.0)]
     assert [own.kind for own in ranked(both, crude)] == ["bias", "swapped"]
