@@ -133,11 +133,10 @@ def _simulated(problem: Problem, telemetry: xarray.Dataset, name: str, times: ND
     """[T, C] K in another window at the prior's median; NaN where it cannot be simulated."""
     try:
         other = build_problem(problem.scenario, telemetry, name)
-        (run,) = other.simulate(other.priors.median())
-    except (FlightcalError, SimulationFailure):
+    except FlightcalError:
         return np.full((len(times), len(problem.windows[0].simulator.channels)), np.nan)
     own, at = other.windows[0].times.astype(float), times.astype(float)
-    return np.stack([np.interp(at, own, values) for values in run.temperatures.T], axis=1)
+    return np.stack([np.interp(at, own, values) for values in _throughout(other).T], axis=1)
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:

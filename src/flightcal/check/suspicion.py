@@ -124,13 +124,12 @@ def ranked(
     if not named:
         return []
     most = max(nats for _, _, nats in named)
-    # What leaves nothing unusual stands before what leaves much, and may explain somewhat less. Without a channel that
-    # belongs nowhere there is always less that is unusual.
-    whole = [
-        own
-        for fit, own, nats in named
-        if fit.is_usual and not named[0][0].is_usual and nats > (1.0 - _WHOLE) * most and own.kind != "unrelated"
-    ]
+    whole: list[Suspicion] = []
+    if not named[0][0].is_usual:
+        # What leaves nothing unusual stands before what leaves much, and may explain somewhat less. Without a channel
+        # that belongs nowhere there is always less that is unusual.
+        nearly = (1.0 - _WHOLE) * most
+        whole = [own for fit, own, nats in named if fit.is_usual and nats > nearly and own.kind != "unrelated"]
     alike = [own for _, own, nats in named if most - nats < max(CLEAR, _NEAR * most) and own not in whole]
     return sorted([*whole, *alike][:_SHOWN], key=lambda own: own.kind in _LAST)
 

@@ -20,9 +20,15 @@ def table_of(title: str, words: Sequence[str], numbers: Sequence[str], **column:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    looks: dict[str, Any] = {"box": SIMPLE_HEAD, "show_edge": False, "pad_edge": False, "collapse_padding": True}
-    # A line is left free above and below, which the edges would be.
-    table = Table(title=f"\n{title}" if title else None, title_justify="left", caption=" ", **looks)
+    table = Table(
+        title=f"\n{title}" if title else None,
+        title_justify="left",
+        caption=" ",  # a line is left free above and below, which the edges would be
+        box=SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        collapse_padding=True,
+    )
     for heading in words:
         table.add_column(heading, **column)
     for heading in numbers:

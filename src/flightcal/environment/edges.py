@@ -13,8 +13,8 @@ from ..scenario import (
     FaceNormal,
     SampledAttitude,
     SampledOrbit,
-    SpinningAttitude,
     SunTracking,
+    spins_fast,
 )
 from ._samples import read_samples
 from ._time import Floats, Times, seconds_later, seconds_since
@@ -43,7 +43,7 @@ def sun_edges(
     """
     attitude = environment.attitude
     flat = [unit(normal) for normal in normals if not isinstance(normal, (str, SunTracking))]
-    if not flat or (isinstance(attitude, SpinningAttitude) and attitude.period is None):
+    if not flat or spins_fast(attitude):
         return np.empty(0, "datetime64[ns]")
     geometry, coarse = geometry_of(environment, folder), search_times(environment, start, end, folder)
     turning = seconds_since(slew_edges(environment, _OF_SLEW), start)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OrbitError
-from ..scenario import Environment, FaceNormal, SpinningAttitude, SunTracking, Vector
+from ..scenario import Environment, FaceNormal, SunTracking, Vector, spins_fast
 from ._time import Floats, Times
 from .attitude import body_to_inertial, unit
 from .eclipse import sunlit_fraction
@@ -89,7 +89,7 @@ def _oriented(environment: Environment, normals: Sequence[Vector | SunTracking],
     tracking = np.array([isinstance(normal, SunTracking) for normal in normals])
     # Of a face that tracks the Sun, its axis.
     ways = np.array([unit(own.tracks_sun_about if isinstance(own, SunTracking) else own) for own in normals])
-    if isinstance(attitude, SpinningAttitude) and attitude.period is None:
+    if spins_fast(attitude):
         if tracking.any():
             message = "found a face that tracks the Sun, expected none: the body spins so fast that only means count"
             raise OrbitError(f"simulator.faces: {message}")

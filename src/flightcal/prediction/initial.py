@@ -41,8 +41,10 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
     }
     starts = [name for name in first.names if name.startswith("initial.")]
     untold = [name for name in starts if name.removeprefix("initial.") not in told]
+    if not untold:
+        return first
     found, lasted = [], []
-    for window in problem.windows if untold else ():
+    for window in problem.windows:
         theta = problem.at(window, draws.mean(axis=0))[window.simulated]
         try:
             assert window.network is not None

@@ -42,6 +42,7 @@ from .environment import (
     SampledOrbit,
     SpinningAttitude,
     TleOrbit,
+    spins_fast,
 )
 from .external import (
     CallableSimulator,

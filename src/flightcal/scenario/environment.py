@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from datetime import datetime
-from typing import Annotated, Any, Final, Literal, cast, get_args
+from typing import Annotated, Any, Final, Literal, TypeGuard, cast, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -145,6 +145,11 @@ class SpinningAttitude(Block):
     epoch: Time = datetime(2000, 1, 1, 12)
 
 
+def spins_fast(attitude: object) -> TypeGuard[SpinningAttitude]:
+    """Whether the body turns so fast that fluxes are means over a turn."""
+    return isinstance(attitude, SpinningAttitude) and attitude.period is None
+
+
 class SampledAttitude(Block):
     """Quaternions from a CSV file with a column time (ISO 8601 UTC) and one for each component."""
 
@@ -208,7 +213,7 @@ class AttitudeTimeline(Block):
                 problems.append(
                     Problem(place, f"found {show(change.attitude)}, expected one of {', '.join(names)}{hint}")
                 )
-            elif isinstance(kind, SpinningAttitude) and kind.period is None:
+            elif spins_fast(kind):
                 problems.append(Problem(place, "found a spin without period, expected one: the body slews from it"))
             before = self.timeline[k - 1].at if k else None
             if before is not None and (change.at - before).total_seconds() < self.slew:

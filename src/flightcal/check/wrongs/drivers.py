@@ -18,6 +18,7 @@ from ..evidence import Fit
 from ..sunlight import FINE
 from ..view import View, pieces
 from .wrong import (
+    AROUND,
     FACTORS,
     FEW_TIMES,
     LACKED,
@@ -124,7 +125,7 @@ def _driver_times(
         if abs(factor - 1.0) < POWER:
             continue
         window = _with_driver(view, column, factor)
-        others = np.union1d(factor * 2.0 ** np.linspace(-0.4, 0.4, 7), FACTORS)
+        others = np.union1d(factor * np.array(AROUND), FACTORS)
         near = partial(_driver_times, view, load, column, others[others != factor], tries)
         words, ways = _of_driver(driver, load, factor), 1
         if factor in FACTORS:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ...problem import Window
 from ...report import listed
-from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking
+from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking, spins_fast
 from ...simulator import FloatArray, flux_kinds
 from ..view import View
 from .wrong import Words, Wrong, at_node, driven_otherwise, put
@@ -74,9 +74,8 @@ def _plates(
 ) -> Iterator[Wrong]:
     """Both sides of a plate look another way: it was not deployed, is hinged otherwise, or its drive stands still."""
     pairs, wings = _two_sided(view, normals)
-    attitude = view.window.scenario.environment.attitude
     # Of a body that spins so fast that means count, no drive turns anything to the Sun.
-    if pairs and not (isinstance(attitude, SpinningAttitude) and attitude.period is None):
+    if pairs and not spins_fast(view.window.scenario.environment.attitude):
         lit = {**lit, **{way: _lit(view, normals, way, seconds) for way in _DRIVEN}}
     plates = [[own] for own in pairs] + wings
     for plate, way in product(plates, lit):

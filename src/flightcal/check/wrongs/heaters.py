@@ -16,7 +16,7 @@ from ..comparison import known_thermostats
 from ..evidence import Fit
 from ..view import View
 from .heat import about_switches, by_temperature
-from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, at_node, driven_otherwise, status_channels
+from .wrong import AROUND, FACTORS, FEW_TIMES, POWER, Words, Wrong, at_node, driven_otherwise, status_channels
 
 _NOTHING = 0.05
 """Share of its power, below which a heater does not heat."""
@@ -133,7 +133,7 @@ def _powers(view: View, name: str, heaters: Sequence[str], factors: Sequence[flo
         if abs(factor - 1.0) < POWER:
             continue
         words = _of_power(name, factor, written)
-        near = partial(_powers, view, name, heaters, [factor * 2.0**more for more in np.linspace(-0.4, 0.4, 7)], tries)
+        near = partial(_powers, view, name, heaters, [factor * more for more in AROUND], tries)
         yield Wrong("heater", name, words, window=view.window.multiplied(places, factor), tries=tries, closer=near)
 
 

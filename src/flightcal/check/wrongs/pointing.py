@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import FlightcalError
 from ...report import listed
-from ...scenario import AttitudeChange, AttitudeTimeline, SpinningAttitude
+from ...scenario import AttitudeChange, AttitudeTimeline, spins_fast
 from ...simulator import FloatArray
 from ..view import View, pieces
 from .wrong import Words, Wrong, attitude_of, driven_otherwise, elsewhere, shine, span_of
@@ -104,7 +104,7 @@ def _best_of(left: FloatArray, inner: FloatArray, free: NDArray[np.bool_], which
 def _timeline(view: View) -> AttitudeTimeline | None:
     """The scenario's attitudes one after another; None: there is none, or nothing depends on it."""
     attitude = attitude_of(view)
-    if attitude is None or (isinstance(attitude, SpinningAttitude) and attitude.period is None):
+    if attitude is None or spins_fast(attitude):
         return None
     if isinstance(attitude, AttitudeTimeline):
         return attitude

@@ -14,7 +14,7 @@ from ...scenario import OF_EARTH_AND_SUN, Environment
 from ...simulator import FloatArray
 from ..evidence import Fit
 from ..view import NO_LINK, SHARES, Moved, View
-from .wrong import FACTORS, FEW_TIMES, Words, Wrong
+from .wrong import AROUND, FACTORS, FEW_TIMES, Words, Wrong
 
 _BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
 """Of a scenario, whose numbers are tried; heaters and loads are tried elsewhere."""
@@ -88,8 +88,8 @@ def _fixed_numbers(view: View) -> list[int]:
 
 
 def _near(view: View, places: Sequence[int], name: str, factor: float, tries: float) -> Iterator[Wrong]:
-    for more in np.linspace(-0.4, 0.4, 7):
-        times = factor * float(2.0**more)
+    for more in AROUND:
+        times = factor * more
         if not 1.0 / _MATTERS < times < _MATTERS:
             yield from _number(view, places, name, times, tries, partial(_near, view, places, name, times, tries))
 
@@ -263,8 +263,8 @@ def _of_prior(view: View, name: str, factor: float, tries: float, *, near: bool)
         return
 
     def closer() -> Iterator[Wrong]:
-        for more in np.linspace(-0.4, 0.4, 7):
-            yield from _of_prior(view, name, factor * float(2.0**more), tries, near=True)
+        for more in AROUND:
+            yield from _of_prior(view, name, factor * more, tries, near=True)
 
     value, median = (float(own.median[entry]) for own in (moved, view))
     unit = view.window.scenario.parameters[name].unit

@@ -44,6 +44,8 @@ FACTORS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 """By which a number is off that has the wrong unit or one digit too many."""
 FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
 """The same of a number that is of another thing, or of one of two."""
+AROUND = tuple(float(2.0**more) for more in np.linspace(-0.4, 0.4, 7))
+"""Times a number that is nearly right, those that are looked at more closely."""
 
 LACKED = 0.2
 """Of what flows through a node, the least heat that it lacks which is worth a word."""

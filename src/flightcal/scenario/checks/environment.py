@@ -19,7 +19,7 @@ from ..environment import (
     OneAttitude,
     SampledAttitude,
     SampledOrbit,
-    SpinningAttitude,
+    spins_fast,
 )
 from ..network import SunTracking
 from ..reading import Reading
@@ -78,7 +78,7 @@ def _attitudes(environment: Environment, reading: Reading, folder: Path) -> Iter
         message = "found an attitude offset, expected none: a reduced order model knows its faces' directions only"
         yield Problem(("environment", "attitude_offset"), message)
     attitude = environment.attitude
-    if isinstance(attitude, SpinningAttitude) and attitude.period is None:
+    if spins_fast(attitude):
         for name, face in readable(reading.blocks.faces).items():
             if isinstance(face.normal, SunTracking):
                 message = (
