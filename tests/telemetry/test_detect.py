@@ -257,7 +257,7 @@ def test_a_last_letter_is_no_unit_where_it_names_a_branch(tmp_path: Path):
 def test_columns_that_can_be_no_channel_are_named(tmp_path: Path):
     table = pd.DataFrame({"UTC": text(TIMES[:4]), "TT_BAT": [20.5, 21.0, 3.0, 4.0]})
     table["BUS time"] = text(TIMES[:4] + np.timedelta64(7, "s"))
-    table["HTR"], table["empty"] = ["HEATING", "STANDBY", "HEATING", "STANDBY"], ""
+    table["HTR"], table["empty"] = ["COLD", "WARM", "COLD", "WARM"], ""
     table.to_csv(tmp_path / "data.csv", index=False)
     (found,) = detect([tmp_path / "data.csv"])
     assert found.left_out == ("BUS time", "HTR")
@@ -300,6 +300,28 @@ def test_a_title_above_the_header_and_a_row_of_units_below_it_are_seen(tmp_path:
         ("Battery", "temperature", "degC", None),
         ("HTR_CUR", "status", "mA", "242 mA"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "expected"),
+    [
+        ("HTR_STATE", ["IDLE", "HEATING"], ("HEATING", "IDLE")),
+        ("HTR_STATE", ["STOPPED", "RUNNING "], ("RUNNING", "STOPPED")),
+        ("heater", ["Heat", "N/A", "Standby"], ("Heat", "Standby")),
+        ("HTR_STATE", ["A", "B"], None),
+        ("HTR_STATE", ["IDLE", "HEATING", "FAULT"], None),
+        ("CAMERA", ["IDLE", "HEATING"], None),
+    ],
+)
+def test_words_of_a_heaters_status_are_told(
+    tmp_path: Path, name: str, words: list[str], expected: tuple[str, str] | None
+):
+    table = frame(8)
+    table[name] = np.resize(words, len(table))
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert {column.name: column.on_off for column in found.columns}.get(name) == expected
+    assert (name in found.left_out) == (expected is None)
 
 
 @pytest.mark.parametrize("rate", [1, 1000])

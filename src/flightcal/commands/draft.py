@@ -239,6 +239,9 @@ def _more(column: FoundColumn) -> str:
     if column.bit is not None:
         base = "" if column.base is None else f", base: {column.base}"
         return f", bits: {column.bit}{base}}}"
+    if column.on_off is not None:
+        on, off = map(_text, column.on_off)
+        return f", on: [{on}], off: [{off}]}}"
     return "}" if column.on_above is None else f", on_above: {column.on_above}}}"
 
 

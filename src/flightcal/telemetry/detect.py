@@ -38,6 +38,9 @@ _HEATER_NAME = re.compile(
     r"(?i)(htr|heater).*(cur|amp|pow|_i\b|\b[mk]?[AW]\b|_[mk]?[AW]$)|(cur|pow|^[iIpP]_).*(htr|heater)"
 )
 """Of a heater's current or power."""
+_ON_WORD = re.compile(r"(?i)^on|^heat|act|run|enab|clos|yes|true")
+_OFF_WORD = re.compile(r"(?i)off|^no|idle|inact|st(an)?d?by|stop|cool|disab|open|false")
+"""Words that a heater's status has; what looks like both is off, as INACTIVE is."""
 _READING_NAME = re.compile(r"(?i)param|name|mnemonic|channel|sensor|signal|item|measur|point|variable|metric|key|tag")
 _READING_VALUE = re.compile(r"(?i)value|reading|eng|cal|raw|result|^val")
 _UNITS = re.compile(r"(?i)^units?$")
@@ -79,6 +82,8 @@ class FoundColumn:
     """null: of a status that is no number."""
     on_above: str | None = None
     """Of a status that is a heater's current or power: between its two levels, with the unit."""
+    on_off: tuple[str, str] | None = None
+    """The word for on and that for off, of a heater's status with words of its own."""
     raw: tuple[float, float] | None = None
     """Lowest and highest of a temperature's readings that are no degC or K, such as counts of a converter."""
     bit: int | None = None
@@ -337,7 +342,10 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
     if column.null_count == len(column):
         return None
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
-        return FoundColumn(name, "status", None) if is_status(column, Channel(column=name, kind="status")) else None
+        if is_status(column, Channel(column=name, kind="status")):
+            return FoundColumn(name, "status", None)
+        own = _on_off(column) if re.search(r"(?i)htr|heat", name) else None
+        return None if own is None else FoundColumn(name, "status", None, on_off=own)
     if not is_numeric(column) or is_second_time(name, column, source):
         return None
     values = column.drop_null().to_numpy()
@@ -403,6 +411,15 @@ def _between_levels(values: NDArray[np.float64], unit: str | None) -> float | No
     gaps = np.diff(found)
     widest = int(np.argmax(gaps))
     return float(found[widest] + gaps[widest] / 2) if gaps[widest] > 0.5 * (found[-1] - found[0]) else None
+
+
+def _on_off(cells: pa.ChunkedArray) -> tuple[str, str] | None:
+    """The word for on and that for off, of a column with two words; null: what they mean is not plain."""
+    read = [cell.strip() for cell in cells.drop_null().to_pylist()] if is_text(cells) else []
+    words = {cell for cell in read if cell not in NULL_WORDS}
+    off = {word for word in words if _OFF_WORD.search(word)}
+    on = {word for word in words - off if _ON_WORD.search(word)}
+    return (min(on), min(off)) if len(words) == 2 and on and off else None
 
 
 def _unit(name: str) -> str | None:
