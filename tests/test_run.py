@@ -49,9 +49,14 @@ def test_reopening_keeps_what_is_done(tmp_path):
 
 
 def test_another_scenario_is_refused(tmp_path):
-    opened(tmp_path / "run")
+    opened(tmp_path / "run").write_json("genetic.json", {})
     with pytest.raises(RunError, match=r"run of another scenario.*\(what differs: the scenario\)"):
         opened(tmp_path / "run", identity="b")
+
+
+def test_a_folder_whose_command_was_refused_before_its_first_result_is_free(tmp_path):
+    opened(tmp_path / "run")
+    assert read_provenance(opened(tmp_path / "run", identity="b").path)["parts"] == {"the scenario": "b"}
 
 
 def test_a_folder_of_other_files_is_refused_and_left_alone(tmp_path):

@@ -15,12 +15,17 @@ from flightcal.telemetry import read
 from tests import small
 
 
+def taken(scenario, folder, *trained, **more):
+    """Open a run's folder and leave a result in it, without which it would belong to none."""
+    with open_for(scenario, folder, Silent(), *trained, **more) as run:
+        run.folder.write_json("result.json", {})
+
+
 def open_with(folder, **blocks):
-    """Open the run `folder`/run for the scenario without heat and noise, but for `blocks`."""
+    """Take the folder `folder`/run for the scenario without heat and noise, but for `blocks`."""
     written = small.content()
     written.pop("heat", None)
-    with open_for(small.load(folder, written | blocks)[0], folder / "run", Silent()):
-        pass
+    taken(small.load(folder, written | blocks)[0], folder / "run")
 
 
 def test_a_block_that_is_left_out_is_the_same_as_what_it_means(tmp_path):
@@ -74,13 +79,9 @@ def test_a_posterior_without_heat_has_no_shares():
 
 def test_a_folder_is_that_of_one_command(tmp_path):
     scenario = small.load(tmp_path)[0]
-    with open_for(scenario, tmp_path / "run", Silent()):
-        pass
-    with (
-        pytest.raises(RunError, match="what differs: the command"),
-        open_for(scenario, tmp_path / "run", Silent(), more={"the command": "backtest"}),
-    ):
-        pass
+    taken(scenario, tmp_path / "run")
+    with pytest.raises(RunError, match="what differs: the command"):
+        taken(scenario, tmp_path / "run", more={"the command": "backtest"})
 
 
 def test_where_the_files_of_packets_lie_is_nothing_to_a_run(tmp_path):
@@ -91,8 +92,7 @@ def test_where_the_files_of_packets_lie_is_nothing_to_a_run(tmp_path):
         channel["packet"] = "all"
     for name in ("here", "there"):
         (tmp_path / name).mkdir()
-        with open_for(small.load(tmp_path / name, written)[0], tmp_path / "run", Silent()):
-            pass
+        taken(small.load(tmp_path / name, written)[0], tmp_path / "run")
 
 
 def test_changes_of_mode_after_the_windows_to_train_on_are_nothing_to_a_run(tmp_path):
@@ -106,8 +106,7 @@ def test_changes_of_mode_after_the_windows_to_train_on_are_nothing_to_a_run(tmp_
         }
         written["telemetry"]["channels"]["body_temp"]["leave_out"] = list(leave_out)
         scenario, data = small.load(tmp_path, written)
-        with open_for(scenario, tmp_path / "run", Silent(), data):
-            pass
+        taken(scenario, tmp_path / "run", data)
 
     before, later = ("2024-03-01T00:00:00", "quiet"), ("2024-03-01T05:00:00", "busy")
     opened(before)
@@ -123,12 +122,8 @@ def test_a_file_of_the_simulators_that_has_changed_is_named(tmp_path):
     shutil.copytree(example, tmp_path / "own")
     scenario = load_scenario(tmp_path / "own" / "scenario.yaml")
     data = read(scenario)
-    with open_for(scenario, tmp_path / "run", Silent(), data):
-        pass
+    taken(scenario, tmp_path / "run", data)
     template = tmp_path / "own" / "input.json.jinja"
     template.write_text(template.read_text() + "\n", encoding="utf-8")
-    with (
-        pytest.raises(RunError, match=rf"\(what differs: the other input files: {template.name}\)"),
-        open_for(scenario, tmp_path / "run", Silent(), data),
-    ):
-        pass
+    with pytest.raises(RunError, match=rf"\(what differs: the other input files: {template.name}\)"):
+        taken(scenario, tmp_path / "run", data)

@@ -34,7 +34,7 @@ REDUCED: Final = "reduced"
 """Folder of a reduced model, in that of a run: it is made before the run."""
 INPUT_FILES: Final = "input files"
 """How the name of a part ends that is the hash of files: a message names those that differ."""
-_LOCK, _LOG, _PROVENANCE = "run.lock", "log.jsonl", "provenance.json"
+_LOCK, _LOG, _PROVENANCE, _SCENARIO = "run.lock", "log.jsonl", "provenance.json", "scenario.yaml"
 _PACKAGES = ("flightcal", "numba", "numpy", "nutpie", "scipy", "xarray", "pyerfa", "sgp4")
 
 
@@ -129,6 +129,8 @@ def open_run(
 ) -> Iterator[RunDirectory]:
     """Create the folder, or reopen it when it belongs to the same scenario and inputs, and hold it during the block.
 
+    A folder without any result yet, such as one of a command that was refused, belongs to none.
+
     parts: hashes of all that the folder is bound to, by names that a message can say; inputs: of each file. What a
     killed process was writing is deleted, and so are files that are not as they were written, which is said.
     Raises RunError for a folder that holds another scenario's run, that of an earlier flightcal, or no run at all, and
@@ -141,7 +143,9 @@ def open_run(
         _tidy(path, progress)
         run = RunDirectory(path, identity)
         provenance = read_provenance(path)
-        _check_parts(path, provenance, parts, inputs)
+        written = set(read_digests(path))
+        if not written or written - {_PROVENANCE, _SCENARIO}:  # else it stopped before its first result
+            _check_parts(path, provenance, parts, inputs)
         # First: without it the folder is nobody's, and no file in it may be replaced.
         run.write_json(
             _PROVENANCE,
@@ -159,7 +163,7 @@ def open_run(
                 "stage_inputs": provenance.get("stage_inputs", {}),
             },
         )
-        run.write_text("scenario.yaml", scenario_text)
+        run.write_text(_SCENARIO, scenario_text)
         yield run
 
 
