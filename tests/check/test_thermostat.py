@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from flightcal.check.thermostat import copied, disobeyed, exchanged, inferred
+from flightcal.check.thermostat import copied, disobeyed, exchanged, inferred, unfollowed
 from flightcal.problem import build_window
 from tests import small
+
+from .cases import named
 
 
 def test_a_status_is_told_that_does_not_do_what_the_thresholds_say(tmp_path):
@@ -122,3 +124,25 @@ def test_two_thermostats_whose_thresholds_are_exchanged_are_told(tmp_path):
     ((about, words),) = exchanged(build_window(small.load(tmp_path, written)[0], data, "train"))
     assert about == "heater second"
     assert words.title == "The thresholds of heater and second are exchanged"
+
+
+@pytest.mark.parametrize(("capacity", "told"), [("100 J/K", True), ("3000 J/K", False)])
+def test_a_heater_that_switches_between_the_samples_of_its_status_is_told(tmp_path, capacity, told):
+    written = small.content()
+    written["simulator"]["nodes"]["body"]["capacity"] = capacity
+    scenario, data = small.closed_loop(tmp_path, written)
+    found = dict(unfollowed(build_window(scenario, data, "train")))
+    assert list(found) == (["heater"] if told else [])
+
+
+@pytest.mark.slow
+def test_missed_switches_are_named_before_what_makes_up_for_them(tmp_path):
+    written = small.content()
+    written["simulator"]["nodes"]["body"]["capacity"] = "100 J/K"
+    written["parameters"]["body"] = {
+        "sets": "nodes.body.capacity",
+        "prior": {"lognormal": {"median": "100 J/K", "factor": 1.3}},
+    }
+    scenario, data = small.closed_loop(tmp_path, written)
+    first, *_ = named(scenario, data)
+    assert (first.kind, first.about) == ("sampling", "heater")

@@ -30,7 +30,7 @@ from .jumps import Jump, in_words, jumps
 from .misfit import misfit
 from .prepared import prepared
 from .suspicion import BAD, CLEAR, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
-from .thermostat import copied, disobeyed, exchanged
+from .thermostat import copied, disobeyed, exchanged, unfollowed
 from .view import View
 from .white_box import OF_THERMOSTATS, compared
 
@@ -177,6 +177,9 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
     if not likely and not nothing.is_usual:
         where = misfit(view, nothing.z)
         likely = unexplained(nothing, where, helps)
+    if likely or not nothing.is_usual:
+        # What makes up for missed switches may be a capacity.
+        found = [*found, *(Suspicion("sampling", name, *astuple(words)) for name, words in unfollowed(view.window))]
     kinds = {own.kind for own in (*found, *likely)}
     for name, words, constant in odd:
         if not kinds & (OF_THERMOSTATS if constant else OF_THERMOSTATS | _OF_READINGS):

@@ -165,6 +165,32 @@ def _between(times: NDArray[np.datetime64], status: FloatArray) -> FloatArray:
     return np.where(same & (places > first) & (places < last), status[first], status)
 
 
+def unfollowed(window: Window) -> Iterator[tuple[str, Words]]:
+    """Heaters that switch as fast as their status is sampled, or faster, with words.
+
+    Samples that have nothing to do with each other are on for 1 / (1 - d) in a row and off for 1 / d, where d is the
+    share of them that are on: the sum of the reciprocals is 1. It is smaller where each time on and off is seen.
+    """
+    for name, place, _ in known_thermostats(window):
+        status = window.status[:, place]
+        on = status[np.isfinite(status)] > 0.5
+        turns = np.flatnonzero(np.diff(on))
+        if len(turns) < _LEAST:
+            continue
+        lengths = np.diff(turns)  # the first and the last time may be longer than what is seen of them
+        means = [float(lengths[start::2].mean()) for start in (0, 1)]
+        if sum(1.0 / mean for mean in means) < 1.0:
+            continue
+        words = Words(
+            f"{name} switches as fast as its status is sampled",
+            f"The status changes {len(turns)} times in {len(on)} samples, and stays for {number(min(means), 2)} of "
+            "them in the mean: some of its switches are missed, and the model heats at wrong times.",
+            f"Ask for the status of {name} more often than it switches; else leave it out, and write a load for its "
+            "heat, whose driver is the status in means over some minutes",
+        )
+        yield name, words
+
+
 def copied(window: Window) -> Iterator[tuple[str, Words]]:
     """Pairs of heaters with one status and two sensors, as both are called, with words."""
     if not isinstance(window.scenario.simulator, SimulatorModel):

@@ -71,6 +71,18 @@ def test_a_clock_that_is_late_is_named_where_positions_hardly_reach_beyond_the_w
     assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
 
 
+@pytest.mark.parametrize(("period", "tried"), [(None, False), ("20 min", True), ("90 min", False)])
+def test_shifts_do_not_step_over_the_turns_of_a_body_that_spins(tmp_path, period, tried):
+    written = sunlit()
+    spin = {"spin_axis": [0, 0, 1], "direction": [1, 0, 1]}
+    written["environment"]["attitude"] = spin if period is None else {**spin, "period": period}
+    view = prepared(*small.closed_loop(tmp_path, written))
+    assert view is not None
+    titles = [wrong.words.title for wrong in clocks(view)]
+    assert ("The telemetry's clock is 10.0 min early" in titles) == tried
+    assert "The telemetry's clock is 8.0 min early" in titles
+
+
 @pytest.mark.slow
 def test_a_clock_of_another_zone_is_named_with_the_hours(tmp_path):
     scenario, data = small.closed_loop(tmp_path, sunlit())

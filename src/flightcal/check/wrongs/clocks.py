@@ -13,15 +13,17 @@ import numpy as np
 from ...errors import FlightcalError
 from ...problem import Window
 from ...report import listed, number
+from ...scenario import SpinningAttitude
 from ...simulator import FloatArray
 from ..comparison import Comparison
-from ..sunlight import REACH, ZONES
+from ..sunlight import FINE, REACH, ZONES
 from ..view import View
 from .wrong import (
     SHIFT,
     SHIFTS,
     Words,
     Wrong,
+    as_long,
     closer,
     driven,
     driven_otherwise,
@@ -34,6 +36,8 @@ from .wrong import (
 
 _ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 * k, 1800.0 * k) if abs(h) > REACH)
 """s, between a time zone and UTC."""
+_OF_A_TURN, _OF_SPIN = 1.0 / 12.0, 1800.0
+"""Of a body that spins: shifts are so much of a turn apart, up to so many s."""
 _WHOLE_ORBITS = 4.0
 """Times less likely is a clock that is off by more than half an orbit: the same with an orbit less fits as well."""
 _NARROWER = 0.25
@@ -50,13 +54,13 @@ _HOURS = (-86400.0, -7200.0, -3600.0, 3600.0, 7200.0, 86400.0)
 """s, by which a packet may be of another zone or day; of one channel so much explains what is slow."""
 
 
-def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS, apart: float = SHIFT) -> Iterator[Wrong]:
+def clocks(view: View, seconds: Sequence[float] | FloatArray | None = None, apart: float = SHIFT) -> Iterator[Wrong]:
     """All time tags are late (positive) or early, by more than what lies between two samples of a driver.
 
     Here and below apart is how far around a shift that helps others are tried.
     """
     least = view.apart(load.driver for load in view.window.scenario.network.loads.values())
-    for late in map(float, seconds):
+    for late in map(float, _shifts(view) if seconds is None else seconds):
         if abs(late) < least:
             continue
         hour = _an_hour(late, view.window.period)
@@ -77,6 +81,17 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS, apart: fl
         near = partial(clocks, view, np.union1d(closer(late, apart), closer(less, apart)), _NARROWER * apart)
         tries = len(SHIFTS) * (_WHOLE_ORBITS if abs(late) > 0.5 * view.window.period else 1.0)
         yield from driven_otherwise("clock", "time", words, view, tries=tries, closer=near, sunlight=late, modes=late)
+
+
+def _shifts(view: View) -> Sequence[float] | FloatArray:
+    """s, by which time tags may be off: the turns of a body that spins are not stepped over."""
+    attitude = view.window.scenario.environment.attitude
+    period = attitude.period if isinstance(attitude, SpinningAttitude) else None
+    step = SHIFT if period is None else max(FINE, _OF_A_TURN * period)
+    if step >= SHIFT:
+        return SHIFTS
+    each = step * np.arange(1.0, _OF_SPIN // step + 1.0)
+    return np.union1d(SHIFTS, np.concatenate([-each, each]))
 
 
 def _an_hour(late: float, period: float) -> str:
@@ -187,7 +202,8 @@ def channel_clocks(
                 f"Check the time tags of {listed(own)}{write}",
             )
             near = partial(_channels_like, view, own, late, apart)
-            tries = len(few) * comb(len(known), len(own))
+            alone = as_long(late) if len(own) < len(known) else 1.0
+            tries = alone * len(few) * comb(len(known), len(own))
             smoothed = view.smoothed(late, own)
             yield Wrong("channel clock", " ".join(own), words, observed, tries=tries, smoothed=smoothed, closer=near)
 

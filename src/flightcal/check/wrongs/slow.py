@@ -10,7 +10,7 @@ import numpy as np
 
 from ...simulator import FloatArray
 from ..view import Memory, View
-from .wrong import Words, Wrong, minutes
+from .wrong import Words, Wrong, as_long, minutes
 
 _LAGS = (300.0, 900.0, 2700.0)
 """s"""
@@ -37,9 +37,10 @@ def lags(view: View, seconds: Sequence[float] = _LAGS, only: str | None = None) 
 
     known = {name for name, own in view.window.scenario.observations.items() if own.lag is not None}
     chosen = [channel for channel in _chosen(view, only) if channel not in known]
-    for wrong in _slow(view, chosen, seconds, _share_of_lag, words, lags):
-        assert wrong.memory is not None
-        yield replace(wrong, columns=_begun(view, wrong.memory))
+    for size in seconds:
+        for wrong in _slow(view, chosen, size, _share_of_lag, words, lags):
+            assert wrong.memory is not None
+            yield replace(wrong, columns=_begun(view, wrong.memory), tries=as_long(size) * wrong.tries)
 
 
 def _chosen(view: View, only: str | None) -> list[str]:
@@ -69,7 +70,7 @@ def means(view: View, seconds: Sequence[float] = _WIDTHS, only: str | None = Non
 
     chosen = _chosen(view, only)
     for size in seconds:
-        for wrong in _slow(view, chosen, [size], _share_of_mean, words, means):
+        for wrong in _slow(view, chosen, size, _share_of_mean, words, means):
             assert wrong.memory is not None
             yield replace(wrong, columns=_not_told(view, wrong.memory, size))
 
@@ -92,19 +93,18 @@ def _not_told(view: View, memory: Memory, width: float) -> FloatArray:
 def _slow(
     view: View,
     channels: Sequence[str],
-    seconds: Sequence[float],
+    size: float,
     share: Callable[[float, FloatArray], FloatArray],
     words: Callable[[str, float], Words],
     again: Callable[[View, Sequence[float], str], Iterator[Wrong]],
 ) -> Iterator[Wrong]:
-    """Each of the channels with each of the times. again: looks at other times of a channel."""
-    for size in seconds:
-        weights = _weights(view, partial(share, size))
-        for channel in channels:
-            memory = Memory(view.channels.index(channel), weights)
-            near = partial(again, view, [size * more for more in _AROUND if size * more <= _LONGEST], channel)
-            tries = len(_LAGS) * len(view.channels)
-            yield Wrong("slow", channel, words(channel, size), memory=memory, tries=tries, closer=near)
+    """Each of the channels with such a time, s. again: looks at other times of a channel."""
+    weights = _weights(view, partial(share, size))
+    for channel in channels:
+        memory = Memory(view.channels.index(channel), weights)
+        near = partial(again, view, [size * more for more in _AROUND if size * more <= _LONGEST], channel)
+        tries = len(_LAGS) * len(view.channels)
+        yield Wrong("slow", channel, words(channel, size), memory=memory, tries=tries, closer=near)
 
 
 def _share_of_lag(lag: float, later: FloatArray) -> FloatArray:

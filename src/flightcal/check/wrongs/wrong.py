@@ -58,6 +58,8 @@ _STEPS, _SHORTEST, _LONGEST = 190, 30.0, 120.0
 short where its own do, and a small node that meets the Sun in a long one is thrown far off."""
 _FIRST_STEPS = (2.0, 6.0, 14.0)
 """s, when the first ones end: where it is in the shadow then, a small node is far from what it starts at."""
+_OF_SENSORS = 600.0
+"""s, by which one sensor is behind the others: what is read in one row is seldom apart by more."""
 _MANY_MINUTES = 9000.0
 """s, from which hours say it better."""
 
@@ -208,6 +210,11 @@ def at_node(view: View, kind: Literal["faces", "heaters", "loads"], name: str, n
     changed = scenario.model_copy(update={"simulator": scenario.network.model_copy(update={kind: moved})})
     network = build_network(changed, view.network.network.heated)
     return replace(view.simulated_by(network=network), scenario=changed)
+
+
+def as_long(seconds: float) -> float:
+    """Times that one sensor is so much later than others more seldom than a little, as if by a Cauchy distribution."""
+    return 1.0 + (seconds / _OF_SENSORS) ** 2
 
 
 def closer(shift: float, apart: float) -> FloatArray:
