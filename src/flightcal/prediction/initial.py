@@ -20,6 +20,8 @@ from ..simulator import FloatArray, SimulationFailure, courses
 from .errors import FirstErrors, WhiteErrors
 
 _DIFFERENCE = 0.01  # K
+_NEARLY = 1.0
+"""K by which what a node's samples say of others is off anyway."""
 _MOST_TRIED = 4
 """Heaters without a status, of which all states at first are tried."""
 _ITERATIONS = 3  # a heater that switches in the span bends what is linear otherwise
@@ -28,42 +30,62 @@ _ITERATIONS = 3  # a heater that switches in the span bends what is linear other
 def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
     """The window with nodes that none of its samples tells of anywhere where training had them, at draws [S, d].
 
-    What the scenario says of where these start is of a training window's start. In the mean of the draws they were
-    around a mean, by a deviation that is no less than what the scenario says. A reduced model's file says it itself.
+    What the scenario says of where these start is of a training window's start. Here it is what training makes of the
+    nodes that are told: over its windows, in the mean of the draws, all nodes' temperatures have a mean and a
+    covariance, and those of the other nodes are conditioned on what the samples say. The deviation is no less than what
+    the scenario says. A reduced model's file says it itself.
     """
     model = first.scenario.simulator
     if isinstance(model, ExternalModel) or model.reduced_model is not None:
         return first
-    told = {
+    seen = {
         first.scenario.observations[channel].node
         for channel, observed in zip(first.simulator.channels, first.observed.T, strict=True)
         if np.isfinite(observed).any()
     }
-    starts = [name for name in first.names if name.startswith("initial.")]
-    untold = [name for name in starts if name.removeprefix("initial.") not in told]
-    if not untold:
+    starts = {
+        name: prior
+        for name in first.names
+        if name.startswith("initial.") and isinstance(prior := first.reads[name], Normal)
+    }
+    nodes = [name.removeprefix("initial.") for name in starts]
+    told = np.array([node in seen for node in nodes], bool)
+    if told.all():
         return first
     found, lasted = [], []
     for window in problem.windows:
         theta = problem.at(window, draws.mean(axis=0))[window.simulated]
         try:
             assert window.network is not None
-            course, steps = courses(window.network, [name.removeprefix("initial.") for name in untold], theta)
+            course, steps = courses(window.network, nodes, theta)
         except SimulationFailure:
             continue
         found.append(course)
         lasted.append(steps)
     if not found:
         return first
-    kelvins, weights = np.concatenate(found), np.concatenate(lasted)
-    mean = np.average(kelvins, axis=0, weights=weights)
-    deviation = np.sqrt(np.average((kelvins - mean) ** 2, axis=0, weights=weights))
+    read = np.array([prior.mean for prior in starts.values()])[told]
+    likely, spread = beside(np.concatenate(found), np.concatenate(lasted), told, read)
     reads = dict(first.reads)
-    for name, own, spread in zip(untold, mean.tolist(), deviation.tolist(), strict=True):
-        written = first.reads[name]
-        assert isinstance(written, Normal)
-        reads[name] = Normal(mean=own, standard_deviation=max(spread, written.standard_deviation))
+    untold = [name for name, is_told in zip(starts, told, strict=True) if not is_told]
+    for name, own, deviation in zip(untold, likely.tolist(), spread.tolist(), strict=True):
+        reads[name] = Normal(mean=own, standard_deviation=max(deviation, starts[name].standard_deviation))
     return replace(first, reads=reads)
+
+
+def beside(
+    kelvins: FloatArray, weights: FloatArray, told: NDArray[np.bool_], read: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Means and deviations, K, of nodes that nothing tells of beside nodes that are `read`.
+
+    kelvins: [K, n] what all of them have been, with weights [K]; told: [n] which are read. As if of one Gaussian.
+    """
+    mean = np.average(kelvins, axis=0, weights=weights)
+    covariance = np.atleast_2d(np.cov(kelvins, rowvar=False, aweights=weights, ddof=0))
+    shared = covariance[np.ix_(told, ~told)]
+    gains = np.linalg.solve(covariance[np.ix_(told, told)] + _NEARLY**2 * np.eye(told.sum()), shared).T
+    variance = np.diag(covariance[np.ix_(~told, ~told)]) - np.einsum("ut,tu->u", gains, shared)
+    return mean[~told] + gains @ (read - mean[told]), np.sqrt(np.maximum(variance, 0.0))
 
 
 def condition_initial(
