@@ -8,7 +8,8 @@ import pytest
 
 from flightcal.check import check
 from flightcal.check.evaluate import THOROUGH
-from flightcal.check.findings import _moved, findings_of, verdict_of
+from flightcal.check.findings import findings_of, verdict_of
+from flightcal.check.findings.told import _moved
 from flightcal.check.identifiability import Combination, Move
 from flightcal.check.page import _prior
 from flightcal.report.verdict import Finding

@@ -1,0 +1,34 @@
+"""What is likely to be wrong, before anything else."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+from ...report import Finding, likely
+from ..suspicion import Suspects
+
+
+def suspected(suspects: Suspects) -> list[Finding]:
+    """What is likely to be wrong before anything else: of comparisons with the simulator the best, the others below."""
+    compared = any(own.nats is not None for own in suspects.found)
+    found = [
+        replace(own, text=f"{own.text} {own.then}", then="") for own in likely([asdict(own) for own in suspects.found])
+    ]
+    if suspects.misfit is not None and not compared:
+        text = f"Unmodelled heat has to make up for more than is usual. {suspects.misfit.words}"
+        found.append(Finding("warn", "No simple wrong explains how far the model is off", text))
+    if suspects.looked and not found:
+        text = "Clocks, units, biases, swapped channels, status, heaters, modes, drivers and the orbit were tried."
+        if suspects.why_not:
+            text = (
+                "Clocks, units, biases, swapped channels, status and priors were tried. What parameters or initial "
+                "temperatures can make up for is not told from them."
+            )
+        found.append(Finding("good", "No simple wrong explains the telemetry better than the scenario", text))
+    if suspects.why_not:
+        text = (
+            f"Nothing of this kind was compared with the simulator: {suspects.why_not}. Look for it yourself where the "
+            "prior does not reach the telemetry, or where a value or a noise is far out in its prior."
+        )
+        found.append(Finding("warn", f"Not looked for: {suspects.left_out}", text))
+    return found
