@@ -77,12 +77,20 @@ def test_a_node_without_a_channel_starts_where_training_had_it_and_not_where_tra
 
 def test_a_node_that_went_with_others_is_as_cold_as_they_are_and_one_that_did_not_is_as_ever():
     rng = np.random.default_rng(0)
-    read = rng.normal(290.0, 5.0, 4000)
+    read = rng.normal(290.0, 20.0, 4000)
     with_it, alone = read - 3.0 + rng.normal(0.0, 0.5, 4000), rng.normal(300.0, 2.0, 4000)
     kelvins, told = np.stack([with_it, read, alone], axis=1), np.array([False, True, False])
     mean, deviation = beside(kelvins, np.ones(4000), told, np.array([280.0]))
-    assert mean == pytest.approx([277.0, 300.0], abs=0.6)
-    assert deviation == pytest.approx([1.1, 2.0], abs=0.2)
+    # Of a deviation of 20 K around 290 K and one of 5 K around 280 K.
+    assert mean == pytest.approx([277.6, 300.0], abs=0.6)
+    assert deviation == pytest.approx([4.9, 2.0], abs=0.3)
+
+
+def test_a_node_is_known_worse_the_farther_others_are_from_where_they_have_been():
+    kelvins, told = np.linspace([280.0, 281.0], [290.0, 287.0], 50), np.array([False, True])
+    mean, deviation = beside(kelvins, np.ones(50), told, np.array([267.0]))
+    assert 280.0 < mean[0] < 285.0
+    assert deviation[0] > 14.0
 
 
 def test_longer_steps_count_as_many_shorter_ones():

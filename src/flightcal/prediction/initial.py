@@ -20,8 +20,8 @@ from ..simulator import FloatArray, SimulationFailure, courses
 from .errors import FirstErrors, WhiteErrors
 
 _DIFFERENCE = 0.01  # K
-_NEARLY = 1.0
-"""K by which what a node's samples say of others is off anyway."""
+_ALIKE = 5.0
+"""K by which nodes that are read differ where others are about alike."""
 _MOST_TRIED = 4
 """Heaters without a status, of which all states at first are tried."""
 _ITERATIONS = 3  # a heater that switches in the span bends what is linear otherwise
@@ -30,10 +30,9 @@ _ITERATIONS = 3  # a heater that switches in the span bends what is linear other
 def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
     """The window with nodes that none of its samples tells of anywhere where training had them, at draws [S, d].
 
-    What the scenario says of where these start is of a training window's start. Here it is what training makes of the
-    nodes that are told: over its windows, in the mean of the draws, all nodes' temperatures have a mean and a
-    covariance, and those of the other nodes are conditioned on what the samples say. The deviation is no less than what
-    the scenario says. A reduced model's file says it itself.
+    What the scenario says of where these start is of a training window's start. Here they start as they were in
+    training, in the mean of the draws, while the nodes that are told were about as warm as their samples say. The
+    deviation is no less than what the scenario says. A reduced model's file says it itself.
     """
     model = first.scenario.simulator
     if isinstance(model, ExternalModel) or model.reduced_model is not None:
@@ -76,16 +75,16 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
 def beside(
     kelvins: FloatArray, weights: FloatArray, told: NDArray[np.bool_], read: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Means and deviations, K, of nodes that nothing tells of beside nodes that are `read`.
+    """Means and deviations, K, of nodes that nothing tells of while others are about as warm as is `read`.
 
-    kelvins: [K, n] what all of them have been, with weights [K]; told: [n] which are read. As if of one Gaussian.
+    kelvins: [K, n] what all of them have been, with weights [K]; told: [n] which are read. By a kernel (Nadaraya 1964,
+    Watson 1964) and no line, which would go on beyond what has been.
     """
-    mean = np.average(kelvins, axis=0, weights=weights)
-    covariance = np.atleast_2d(np.cov(kelvins, rowvar=False, aweights=weights, ddof=0))
-    shared = covariance[np.ix_(told, ~told)]
-    gains = np.linalg.solve(covariance[np.ix_(told, told)] + _NEARLY**2 * np.eye(told.sum()), shared).T
-    variance = np.diag(covariance[np.ix_(~told, ~told)]) - np.einsum("ut,tu->u", gains, shared)
-    return mean[~told] + gains @ (read - mean[told]), np.sqrt(np.maximum(variance, 0.0))
+    off = ((kelvins[:, told] - read) ** 2).mean(axis=1) if told.any() else np.zeros(len(kelvins))
+    alike = weights * np.exp(-0.5 * (off - off.min()) / _ALIKE**2)
+    mean = np.average(kelvins[:, ~told], axis=0, weights=alike)
+    variance = np.average((kelvins[:, ~told] - mean) ** 2, axis=0, weights=alike)
+    return mean, np.sqrt(variance + off.min())
 
 
 def condition_initial(
