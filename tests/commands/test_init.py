@@ -451,6 +451,19 @@ def test_a_file_of_every_kind_goes_from_init_to_lint(tmp_path: Path, kind: str):
     assert "window train: 20 samples of 1 channel" in lint(tmp_path / "sat")
 
 
+@pytest.mark.parametrize(("zero", "unit"), [(0.0, "degC"), (273.15, "K")])
+def test_without_a_temperature_by_name_those_by_their_values_are_taken_and_said_to_be_guesses(tmp_path, zero, unit):
+    table = frame(40).drop(columns="TT_BAT")
+    wave = np.sin(np.arange(40) / 5.0)
+    table["TM_BODY"], table["TM_BUS_I"] = (zero + 10.0 + 20.0 * wave).round(1), (1.0 + 0.5 * wave).round(2)
+    table.to_csv(tmp_path / "hk.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "hk.csv")]).exit_code == 0
+    channels = load_scenario(tmp_path / "sat" / "scenario.yaml").telemetry.channels
+    kinds = {channel.column[0]: (channel.kind, channel.unit) for channel in channels.values()}
+    assert (kinds["TM_BODY"], kinds["TM_BUS_I"]) == (("temperature", unit), ("driver", "dimensionless"))
+    assert "PLACEHOLDER: a temperature by its values, not by its name" in lint(tmp_path / "sat")
+
+
 def test_files_without_a_temperature_or_a_common_time_are_told(tmp_path: Path):
     frame(9).drop(columns="TT_BAT").to_csv(tmp_path / "power.csv", index=False)
     result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "power.csv")])

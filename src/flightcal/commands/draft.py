@@ -33,10 +33,14 @@ _ABOUT = 0.15
 _COLD, _WARM = -20, 60
 """degC, that stand for the lowest and the highest of raw readings."""
 _TIMELINE = "timeline.csv"
+_AS_WARM = {"degC": (-120.0, 140.0), "K": (150.0, 420.0)}
+_VARIES, _FIVE = 2.0, 5.0
+"""By how much a temperature varies at least, and how large it is: currents in A are smaller."""
 _UNIT_LENGTH, _NEARLY_ALL = 1e-3, 0.95
 """By how much the squares of a quaternion may differ from one, and of how many samples."""
 _LEFT_OUT = "for another time column write a packet of its own, for words of a heater's status `on` and `off`"
 _NO_UNIT = "no unit, so measured inputs; of a temperature write `kind: temperature` and its unit"
+_GUESS = "  # PLACEHOLDER: a temperature by its values, not by its name"
 _HEAD = """\
 # A scenario for your telemetry. What the files tell is written. What says PLACEHOLDER is a guess: write yours.
 #     flightcal lint {folder}/scenario.yaml
@@ -51,6 +55,8 @@ class _Channel(NamedTuple):
     name: str
     packet: str
     found: FoundColumn
+    is_guess: bool = False
+    """Whether it is a temperature by its values alone."""
 
     @property
     def column(self) -> str:
@@ -75,6 +81,8 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
     packets = detect(list(files))
     names = _packet_names([packet for packet in packets if packet.columns])
     channels = _channels(names)
+    if not any(channel.kind == "temperature" for channel in channels):
+        channels = _by_values(names, channels)
     if not any(channel.kind == "temperature" for channel in channels):
         found = ", ".join(channel.column for channel in channels[:12]) or "none"
         where = ", ".join(map(str, files))
@@ -133,6 +141,21 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         notes.append(f"modes in '{modes.column}' ({listed}): {len(modes.changes) - 1} changes, in {_TIMELINE}")
     notes += [f"modes in '{own.column}': not written; there is one timeline of modes" for own in told[1:]]
     return made, notes
+
+
+def _by_values(names: Mapping[str, FoundPacket], channels: Sequence[_Channel]) -> list[_Channel]:
+    """The channels where none is a temperature by its name: inputs without a unit that are as warm as satellites."""
+    data = _read(_telemetry(None, names, channels)) if channels else None
+    found = []
+    for channel in channels:
+        low, high = 0.0, 0.0
+        if data is not None and channel.kind == "driver" and channel.unit == "1":
+            low, high = np.nanquantile(data[channel.name].to_numpy(), (0.05, 0.95)).tolist()
+        unit = next((unit for unit, (least, most) in _AS_WARM.items() if least < low and high < most), None)
+        if unit is not None and high - low > _VARIES and max(-low, high) > _FIVE:
+            channel = channel._replace(found=replace(channel.found, kind="temperature", unit=unit), is_guess=True)
+        found.append(channel)
+    return found
 
 
 def _quaternions(data: xarray.Dataset, channels: Sequence[_Channel]) -> list[list[_Channel]]:
@@ -225,7 +248,7 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
         unit = "" if channel.unit is None else f", unit: {_text(channel.unit) if channel.unit != '1' else 1}"
         lines.append(
             f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}"
-            f"{_more(channel.found)}"
+            f"{_more(channel.found)}{_GUESS if channel.is_guess else ''}"
         )
     return "\n".join(lines) + "\n"
 

@@ -5,7 +5,7 @@ import pytest
 
 from flightcal.check.prepared import prepared
 from flightcal.check.wrongs import Words, Wrong
-from flightcal.check.wrongs.heaters import heaters, obedient
+from flightcal.check.wrongs.heaters import heaters, obedient, statuses
 from tests import small
 
 from ..cases import named, silent, spoilt
@@ -15,6 +15,20 @@ def test_an_inverted_status_is_named(flown):
     scenario, data = flown
     first = named(scenario, spoilt(data, heater_status=1.0 - data["heater_status"]))[0]
     assert (first.kind, first.about) == ("status inverted", "heater_status")
+
+
+@pytest.mark.parametrize(("column", "key"), [("heater", "bits"), ("other", "column")])
+def test_swapped_statuses_are_exchanged_by_what_tells_them_apart(tmp_path, column, key):
+    written = small.content()
+    channels, heaters_of = written["telemetry"]["channels"], written["simulator"]["heaters"]
+    channels["heater_status"]["bits"] = 0
+    channels["other_status"] = {"column": column, "kind": "status", "bits": 1 if key == "bits" else 0}
+    heaters_of["other"] = {**heaters_of["heater"], "node": "panel", "sensor": "panel", "measured_by": "other_status"}
+    scenario, data = small.load(tmp_path, written, columns={"other": 0})
+    view = prepared(scenario, data)
+    assert view is not None
+    advice = [own.words.advice for own in statuses(view) if "swapped" in own.words.title]
+    assert advice == [f"Exchange '{key}' of heater_status and other_status in 'telemetry: channels'"]
 
 
 def test_a_heater_of_half_the_power_is_named_with_both(tmp_path):

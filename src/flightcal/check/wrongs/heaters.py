@@ -47,10 +47,12 @@ def statuses(view: View) -> Iterator[Wrong]:
         yield from driven_otherwise("status inverted", channel, words, view, tries=len(channels), telemetry=data)
     for a, b in combinations(channels.values(), 2):
         data = view.telemetry.assign({a: view.telemetry[b], b: view.telemetry[a]})
+        one, other = (view.window.scenario.telemetry.channels[name] for name in (a, b))
+        key = "bits" if (one.packet, one.column) == (other.packet, other.column) else "column"
         words = Words(
             f"{a} and {b} are swapped",
             f"With the status of {a} and {b} exchanged, the model explains the telemetry.",
-            f"Exchange 'column' of {a} and {b} in 'telemetry: channels'",
+            f"Exchange '{key}' of {a} and {b} in 'telemetry: channels'",
         )
         yield from driven_otherwise("statuses swapped", a, words, view, tries=len(channels), telemetry=data)
 
