@@ -77,6 +77,19 @@ def test_a_face_of_another_unit_and_an_earth_that_sends_nothing_are_told(tmp_pat
     assert "advice: environment.earth_infrared: it is 0, so the Earth radiates nothing" in after.output
 
 
+def test_a_plate_that_turns_to_the_sun_and_has_one_side_is_told(tmp_path: Path):
+    written = sunlit()
+    faces = written["simulator"]["faces"]
+    front = next(iter(faces.values()))
+    front["normal"] = {"tracks_sun_about": [0, 1, 0]}
+    small.load(tmp_path, written)
+    told = "panel has no face with 'back: true'"
+    assert told in run(app, ["lint", str(tmp_path / "scenario.yaml")]).output
+    faces["rear"] = {**front, "normal": {"tracks_sun_about": [0, 1, 0], "back": True}}
+    small.load(tmp_path, written)
+    assert told not in run(app, ["lint", str(tmp_path / "scenario.yaml")]).output
+
+
 def test_a_number_that_its_parameters_prior_does_not_reach_is_told(tmp_path: Path):
     written = small.content()
     assert written["parameters"]["power"]["sets"] == "heaters.heater.power"

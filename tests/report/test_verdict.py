@@ -112,6 +112,19 @@ def test_intervals_that_hold_are_told_with_the_least_that_they_cover_and_what_tr
     assert told.state == "good"
 
 
+def test_a_share_far_below_the_intervals_is_told_with_what_chance_may_leave(run, monkeypatch):
+    few = {
+        name: dataclasses.replace(own, coverage=np.full(3, 0.7), lower=np.full(3, 0.55))
+        for name, own in holdings(fitted(run)).items()
+    }
+    monkeypatch.setattr(unseen, "holdings", lambda _: few)
+    told = unseen.holding(run)
+    assert (told.state, told.title) == (
+        "good",
+        "Intervals hold on “test”, in every channel: 70.0% inside or more, where chance may leave 55.0%",
+    )
+
+
 def test_a_channel_that_does_not_hold_is_left_out_of_the_use(run):
     judged = verdict_of(fitted(run, shifted=[1]))
     assert judged.exit_code == WITH_LIMITS

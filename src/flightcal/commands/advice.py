@@ -76,8 +76,8 @@ def _of_channels(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
 
 
 def _of_faces(scenario: Scenario) -> Iterator[str]:
-    """Of faces that are larger than a satellite's, or that the Earth sends nothing to."""
-    from ..scenario import SimulatorModel
+    """Of faces that are larger than a satellite's, have no other side, or that the Earth sends nothing to."""
+    from ..scenario import SimulatorModel, SunTracking
 
     if not isinstance(scenario.simulator, SimulatorModel):
         return
@@ -85,6 +85,17 @@ def _of_faces(scenario: Scenario) -> Iterator[str]:
     for name, face in faces.items():
         if face.area > _LARGE:
             yield f"simulator.faces.{name}: its area is {face.area:g} m^2; check its unit"
+        if not isinstance(face.normal, SunTracking):
+            continue
+        sides = {
+            own.normal.back for own in faces.values() if own.node == face.node and isinstance(own.normal, SunTracking)
+        }
+        if len(sides) == 1:
+            other = "false" if face.normal.back else "true"
+            yield (
+                f"simulator.faces.{name}: what turns to the Sun has two sides, and {face.node} has no face with "
+                f"'back: {other}'; write the other side, unless it is insulated"
+            )
     environment = scenario.environment
     for field, does, usual, feel in (
         ("albedo", "reflects", "about 0.3", any(face.absorptivity for face in faces.values())),

@@ -17,6 +17,8 @@ from ..run_files import RunFiles
 from ..text import listed, number, percent
 from .finding import AGAIN, CHECK, Finding, State, duty_of, temperatures_of
 
+_FEW = 0.85
+"""Share inside 95% intervals, from below which it is said with what chance may leave."""
 STRIKING = 0.6
 """Share inside the interval that no reader takes for 95%, though errors as long as the window can make it by chance."""
 _OUTSIDE = 0.05
@@ -41,7 +43,7 @@ def holding(run: RunFiles) -> Finding:
     failed: dict[str, None] = {}
     channels: dict[str, None] = {}
     few: dict[str, tuple[float, str]] = {}
-    worst, lowest, details = ("", "", "", math.inf), 1.0, []
+    worst, lowest, details = ("", "", "", math.inf), (1.0, 1.0), []
     for name, held in judged.items():
         window = windows[name]
         words = []
@@ -49,7 +51,7 @@ def holding(run: RunFiles) -> Finding:
             share, lower, upper = held.coverage[k], held.lower[k], held.upper[k]
             if not np.isfinite(share):
                 continue
-            channels[channel], lowest = None, min(lowest, share)
+            channels[channel], lowest = None, min(lowest, (share, lower))
             said = f"{channel} {percent(share)} ({percent(lower)} to {percent(upper)})"
             if held.room[k] < 0.0:
                 failed[channel] = None
@@ -82,7 +84,9 @@ def holding(run: RunFiles) -> Finding:
     if not failed:
         if not few:
             text = f"{text}{_told(list(judged.values()))}"
-            title = f"Intervals hold on {over}, in every channel: {percent(lowest)} inside or more"
+            title = f"Intervals hold on {over}, in every channel: {percent(lowest[0])} inside or more"
+            if lowest[0] < _FEW:
+                title += f", where chance may leave {percent(lowest[1])}"
             farthest = max(windows, key=lambda name: unseen_share(windows[name]))
             title += _outside(windows[farthest], f"“{farthest}”")
             return Finding("good", title, text, tuple(details))
