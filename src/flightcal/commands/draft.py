@@ -34,8 +34,8 @@ _COLD, _WARM = -20, 60
 """degC, that stand for the lowest and the highest of raw readings."""
 _TIMELINE = "timeline.csv"
 _AS_WARM = {"degC": (-120.0, 140.0), "K": (150.0, 420.0)}
-_VARIES, _FIVE = 2.0, 5.0
-"""By how much a temperature varies at least, and how large it is: currents in A are smaller."""
+_VARIES, _REACHES = 2.0, 5.0
+"""By how much a temperature varies at least, and what it reaches on one side of zero: currents in A are smaller."""
 _UNIT_LENGTH, _NEARLY_ALL = 1e-3, 0.95
 """By how much the squares of a quaternion may differ from one, and of how many samples."""
 _LEFT_OUT = "for another time column write a packet of its own, for words of a heater's status `on` and `off`"
@@ -152,7 +152,7 @@ def _by_values(names: Mapping[str, FoundPacket], channels: Sequence[_Channel]) -
         if data is not None and channel.kind == "driver" and channel.unit == "1":
             low, high = np.nanquantile(data[channel.name].to_numpy(), (0.05, 0.95)).tolist()
         unit = next((unit for unit, (least, most) in _AS_WARM.items() if least < low and high < most), None)
-        if unit is not None and high - low > _VARIES and max(-low, high) > _FIVE:
+        if unit is not None and high - low > _VARIES and max(-low, high) > _REACHES:
             channel = channel._replace(found=replace(channel.found, kind="temperature", unit=unit), is_guess=True)
         found.append(channel)
     return found
