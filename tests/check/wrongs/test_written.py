@@ -1,5 +1,6 @@
 """Numbers of the scenario, links and priors."""
 
+import numpy as np
 import pytest
 
 from flightcal.check.prepared import prepared
@@ -101,6 +102,23 @@ def test_two_capacities_that_are_exchanged_are_named(tmp_path, uncertain):
         written["parameters"]["capacity"]["prior"]["lognormal"]["median"] = "800 J/K"
     scenario, _ = small.load(tmp_path, written)
     assert named(scenario, data)[0].title == "nodes.panel and nodes.body have each other's capacity"
+
+
+def test_the_two_numbers_of_a_coating_are_exchanged_where_a_body_has_many_faces(tmp_path):
+    written = boxed()
+    faces = written["simulator"]["faces"]
+    faces["outside"] |= {"absorptivity": 0.2, "emissivity": 0.7}
+    for k in range(12):
+        faces[f"drum_{k}"] = {
+            **faces["outside"],
+            "normal": [float(np.cos(k)), float(np.sin(k)), 0.0],
+            "absorptivity": 0.3 + 0.01 * k,
+        }
+    view = prepared(*small.closed_loop(tmp_path, written))
+    assert view is not None
+    tried = [own.about for own in exchanged(view)]
+    assert "faces.outside.absorptivity faces.outside.emissivity" in tried
+    assert "faces.drum_0.absorptivity faces.drum_1.absorptivity" not in tried
 
 
 def test_faces_of_one_parameter_are_exchanged_with_others_once(tmp_path):

@@ -35,6 +35,8 @@ _ALIKE: tuple[tuple[str, tuple[str, ...]], ...] = (
 """Numbers that are got wrong by exchanging those of two,"""
 _MOST_ALIKE = 12
 """of so many at most."""
+_MOST_COATINGS = 40
+"""Faces whose own two numbers are exchanged: there are as many ways as faces, not as pairs of them."""
 _OF_PARTS = frozenset((block, kind) for block, kinds in _ALIKE for kind in kinds)
 """Numbers that parts have in common,"""
 _MOST_OF_PARTS = 12
@@ -323,7 +325,7 @@ def _of_one_coating(view: View) -> Iterator[_Exchange]:
         pair = tuple(float(now[paths.index(f"{face}.{kind}")]) for kind in ("absorptivity", "emissivity"))
         alike.setdefault(pair, []).append(face)
     groups = [own for own in alike.values() if 1 < len(own) < len(faces)]
-    for own in (*([face] for face in faces), *groups) if len(faces) <= _MOST_ALIKE else ():
+    for own in (*([face] for face in faces), *groups) if len(faces) <= _MOST_COATINGS else ():
         places = [tuple(paths.index(f"{face}.{kind}") for kind in ("absorptivity", "emissivity")) for face in own]
         name = listed(own)
         words = Words(
