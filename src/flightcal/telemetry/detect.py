@@ -38,6 +38,7 @@ _HEATER_NAME = re.compile(
     r"(?i)(htr|heater).*(cur|amp|pow|_i\b|\b[mk]?[AW]\b|_[mk]?[AW]$)|(cur|pow|^[iIpP]_).*(htr|heater)"
 )
 """Of a heater's current or power."""
+_OF_HEATER = re.compile(r"(?i)htr|heat")
 _ON_WORD = re.compile(r"(?i)^on|^heat|act|run|enab|clos|yes|true")
 _OFF_WORD = re.compile(r"(?i)off|^no|idle|inact|st(an)?d?by|stop|cool|disab|open|false")
 """Words that a heater's status has; what looks like both is off, as INACTIVE is."""
@@ -344,7 +345,7 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
         if is_status(column, Channel(column=name, kind="status")):
             return FoundColumn(name, "status", None)
-        own = _on_off(column) if re.search(r"(?i)htr|heat", name) else None
+        own = _on_off(column) if _OF_HEATER.search(name) else None
         return None if own is None else FoundColumn(name, "status", None, on_off=own)
     if not is_numeric(column) or is_second_time(name, column, source):
         return None
@@ -392,8 +393,7 @@ def _words(name: str, cells: pa.ChunkedArray) -> tuple[list[int] | None, int | N
     named = _WORD_NAME.search(name)
     if named and pa.types.is_integer(cells.type):
         return list(lasting(cells.drop_null().to_pylist())), None
-    read = [cell.strip() for cell in cells.drop_null().to_pylist()] if is_text(cells) else []
-    found = list(lasting([cell for cell in read if cell not in NULL_WORDS]))
+    found = list(lasting(_told(cells)))
     for base, shape in _WORDS.items() if named else ((0, _WORDS[0]),):
         if found and all(shape.fullmatch(cell) for cell in found):
             return [int(cell, base) for cell in found], base if base == 16 else None
@@ -401,6 +401,12 @@ def _words(name: str, cells: pa.ChunkedArray) -> tuple[list[int] | None, int | N
         words = [int(cell) for cell in found]
         return (words if reduce(and_, words) >= _NO_STATE else None), None
     return None, None
+
+
+def _told(cells: pa.ChunkedArray) -> list[str]:
+    """What stands in the cells of a text column that say something; empty: it is none."""
+    read = [cell.strip() for cell in cells.drop_null().to_pylist()] if is_text(cells) else []
+    return [cell for cell in read if cell not in NULL_WORDS]
 
 
 def _between_levels(values: NDArray[np.float64], unit: str | None) -> float | None:
@@ -415,8 +421,7 @@ def _between_levels(values: NDArray[np.float64], unit: str | None) -> float | No
 
 def _on_off(cells: pa.ChunkedArray) -> tuple[str, str] | None:
     """The word for on and that for off, of a column with two words; null: what they mean is not plain."""
-    read = [cell.strip() for cell in cells.drop_null().to_pylist()] if is_text(cells) else []
-    words = {cell for cell in read if cell not in NULL_WORDS}
+    words = set(_told(cells))
     off = {word for word in words if _OFF_WORD.search(word)}
     on = {word for word in words - off if _ON_WORD.search(word)}
     return (min(on), min(off)) if len(words) == 2 and on and off else None
