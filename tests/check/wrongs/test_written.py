@@ -1,4 +1,4 @@
-"""Numbers of the scenario, links and priors."""
+"""Numbers of the scenario, and priors."""
 
 import numpy as np
 import pytest
@@ -31,14 +31,6 @@ def test_a_narrow_prior_that_is_three_times_off_is_told_with_what_it_should_be(t
     assert (first.kind, first.about) == ("prior", "panel_capacity")
     found = float(first.sentence.split("median of ")[1].split()[0])
     assert found == pytest.approx(800.0, rel=0.1)
-
-
-def test_a_conductor_that_is_missing_is_named(tmp_path):
-    written = small.content()
-    _, data = small.closed_loop(tmp_path)
-    del written["parameters"]["link"], written["simulator"]["conductors"][0]
-    scenario, _ = small.load(tmp_path, written)
-    assert named(scenario, data)[0].title == "A conductor body-panel is missing in the scenario"
 
 
 @pytest.mark.slow

@@ -6,12 +6,12 @@ from contextlib import suppress
 from ...simulator import SimulationFailure
 from ..comparison import Comparison
 from ..view import View
-from . import attitude, channels, clocks, drivers, faces, heat, heaters, orbit, slow, timeline, written
+from . import attitude, channels, clocks, drivers, faces, heat, heaters, lacking, orbit, slow, timeline, written
 from .channels import COLDEST, HOTTEST
 from .clocks import clocks_as_read
 from .wrong import SHIFT, SHIFTS, Words, Wrong
 
-_FAMILIES = (channels, clocks, faces, heaters, heat, drivers, timeline, attitude, orbit, slow, written)
+_FAMILIES = (channels, clocks, faces, heaters, heat, drivers, timeline, attitude, orbit, slow, lacking, written)
 _WRONGS = tuple(wrong for family in _FAMILIES for wrong in family.WRONGS)
 
 

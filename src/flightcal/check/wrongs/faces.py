@@ -13,7 +13,8 @@ from ...report import listed
 from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking, spins_fast
 from ...simulator import FloatArray, flux_kinds
 from ..view import View
-from .wrong import Words, Wrong, at_node, driven_otherwise, put
+from .normals import SAME, Shone, alike, behind, put_on, shone_on, times_of, turnable, written
+from .wrong import Words, Wrong, at_node, driven_otherwise
 
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _WAYS: tuple[FaceNormal, ...] = tuple((sign * x, sign * y, sign * z) for x, y, z in _AXES for sign in (1.0, -1.0))
@@ -23,8 +24,6 @@ _MOST_NODES = 14
 """Of a network, whose faces are tried at every node."""
 _ALONG = 0.99
 """Cosine from which a side looks the way it did, or the way that the other side did; or a turn is about an axis."""
-_SAME = 1e-6
-"""One less a cosine, below which two ways are the same."""
 _MIRRORED = 100
 """Of the same kind as turned axes, and as much less frequent: one face that looks the other way is often the same."""
 _TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
@@ -37,59 +36,51 @@ _TILTED_WAYS = 500.0
 
 def faces(view: View) -> Iterator[Wrong]:
     """A face looks another way, or all do, for the body's axes are others."""
-    scenario, turnable = view.window.scenario, _turnable(view)
-    if not turnable:
+    normals = turnable(view)
+    if not normals:
         return
-    times = view.network.drive.times
-    seconds = np.union1d(view.sunlight.times(scenario, 0.0, times[-1]), times)
-    lit = {way: _lit(view, turnable, way, seconds) for way in _WAYS}
-    for way, (name, normal) in product(_WAYS, turnable.items()):
-        if _alike(normal, way) > 1.0 - _SAME:
+    seconds = times_of(view)
+    lit = {way: shone_on(view, way, seconds) for way in _WAYS}
+    for way, (name, normal) in product(_WAYS, normals.items()):
+        if alike(normal, way) > 1.0 - SAME:
             continue
         words = Words(
             f"Face {name} looks another way",
-            f"With {_written(way)} of {name}, the model explains the telemetry.",
+            f"With the normal {written(way)} of {name}, the model explains the telemetry.",
             f"Check 'normal' of {name} in 'simulator: faces'",
         )
         window = _turned(view, seconds, {name: lit[way]})
-        yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
-    yield from _plates(view, turnable, seconds, lit)
-    if len(turnable) > 1:
+        yield Wrong("face", name, words, window=window, tries=5 * len(normals))
+    yield from _plates(view, normals, seconds, lit)
+    if len(normals) > 1:
         yield from _axes(view)
-    yield from _exchanged(view, turnable)
-
-
-def _turnable(view: View) -> dict[str, FaceNormal]:
-    """Which way faces look that look some way, where there is an orbit."""
-    scenario = view.window.scenario
-    known = scenario.network.faces if scenario.environment.orbit is not None else {}
-    return {name: face.normal for name, face in known.items() if face.normal != "all"}
+    yield from _exchanged(view, normals)
 
 
 def _plates(
     view: View,
     normals: Mapping[str, FaceNormal],
     seconds: FloatArray,
-    lit: Mapping[FaceNormal, Mapping[str, FloatArray]],
+    lit: Mapping[FaceNormal, Shone],
 ) -> Iterator[Wrong]:
     """Both sides of a plate look another way: it was not deployed, is hinged otherwise, or its drive stands still."""
     pairs, wings = _two_sided(view, normals)
     # Of a body that spins so fast that means count, no drive turns anything to the Sun.
     if pairs and not spins_fast(view.window.scenario.environment.attitude):
-        lit = {**lit, **{way: _lit(view, normals, way, seconds) for way in _DRIVEN}}
+        lit = {**lit, **{way: shone_on(view, way, seconds) for way in _DRIVEN}}
     plates = [[own] for own in pairs] + wings
     for plate, way in product(plates, lit):
         names = [name for both in plate for name in both]
-        if abs(_alike(way, normals[names[0]])) > _ALONG:
+        if abs(alike(way, normals[names[0]])) > _ALONG:
             continue
         fronts, rears = (listed([both[side] for both in plate]) for side in (0, 1))
         words = Words(
             f"Faces {listed(names)} look another way",
-            f"With {_written(way)} of {fronts}, and {rears} on {'its' if len(plate) == 1 else 'their'} other side, the "
-            "model explains the telemetry.",
+            f"With the normal {written(way)} of {fronts}, and {rears} on {'its' if len(plate) == 1 else 'their'} other "
+            "side, the model explains the telemetry.",
             f"Check whether what they are the two sides of is deployed and turns, and 'normal' of {listed(names)}",
         )
-        shining = {front: lit[way] for front, _ in plate} | {rear: lit[_behind(way)] for _, rear in plate}
+        shining = {front: lit[way] for front, _ in plate} | {rear: lit[behind(way)] for _, rear in plate}
         window = _turned(view, seconds, shining)
         yield Wrong("face", " ".join(names), words, window=window, tries=8 * len(plates))
 
@@ -102,46 +93,16 @@ def _two_sided(
     pairs = [
         (a, b)
         for a, b in combinations(normals, 2)
-        if faces_of[a].node == faces_of[b].node and _alike(normals[a], _behind(normals[b])) > 1.0 - _SAME
+        if faces_of[a].node == faces_of[b].node and alike(normals[a], behind(normals[b])) > 1.0 - SAME
     ]
-    alike = [_like(front, pairs, normals) for front, _ in pairs]
-    return pairs, [own for k, own in enumerate(alike) if len(own) > 1 and own not in alike[:k]]
+    like = [_like(front, pairs, normals) for front, _ in pairs]
+    return pairs, [own for k, own in enumerate(like) if len(own) > 1 and own not in like[:k]]
 
 
 def _like(front: str, pairs: Sequence[tuple[str, str]], normals: Mapping[str, FaceNormal]) -> list[tuple[str, str]]:
     """Both sides of all plates that look as this face does, that side first."""
     both_ways = [own for a, b in pairs for own in ((a, b), (b, a))]
-    return [own for own in both_ways if _alike(normals[own[0]], normals[front]) > 1.0 - _SAME]
-
-
-def _alike(one: FaceNormal, other: FaceNormal) -> float:
-    """Cosine of the angle between two ways, or between the axes of two drives; 0 of a way and a drive.
-
-    Of the two sides of what a drive turns it has the sign of opposite ways.
-    """
-    if isinstance(one, SunTracking) != isinstance(other, SunTracking):
-        return 0.0
-    a, b = (np.array(own.tracks_sun_about if isinstance(own, SunTracking) else own, float) for own in (one, other))
-    cosine = float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
-    if isinstance(one, SunTracking) and isinstance(other, SunTracking):
-        return abs(cosine) if one.back == other.back else -abs(cosine)
-    return cosine
-
-
-def _behind(way: FaceNormal) -> FaceNormal:
-    """How the other side of a plate looks."""
-    if isinstance(way, SunTracking):
-        return way.model_copy(update={"back": not way.back})
-    x, y, z = (-float(own) if own else 0.0 for own in way)
-    return x, y, z
-
-
-def _written(way: FaceNormal) -> str:
-    """As a user writes it, such as "the normal [0, 0, 1]"."""
-    if isinstance(way, SunTracking):
-        axis = list(map(int, way.tracks_sun_about))
-        return f"the normal {{tracks_sun_about: {axis}{', back: true' if way.back else ''}}}"
-    return f"the normal {list(map(int, way))}"
+    return [own for own in both_ways if alike(normals[own[0]], normals[front]) > 1.0 - SAME]
 
 
 def elsewhere(view: View) -> Iterator[Wrong]:
@@ -176,7 +137,7 @@ def _axes(view: View) -> Iterator[Wrong]:
 def _exchanged(view: View, normals: Mapping[str, FaceNormal]) -> Iterator[Wrong]:
     """Two faces look each other's way, or both sides of all wings."""
     columns, kinds = view.network.network.columns, flux_kinds(view.window.scenario)
-    pairs = [(a, b) for a, b in combinations(normals, 2) if _alike(normals[a], normals[b]) < 1.0 - _SAME]
+    pairs = [(a, b) for a, b in combinations(normals, 2) if alike(normals[a], normals[b]) < 1.0 - SAME]
     for both in [[own] for own in pairs] + _two_sided(view, normals)[1]:
         ones, others = zip(*both, strict=True)
         a, b = ([columns.index(f"{kind}.{name}") for name in names for kind in kinds] for names in (ones, others))
@@ -195,11 +156,6 @@ def _named(axis: FloatArray) -> str:
     return f"{'-' if axis[k] < 0.0 else '+'}{'xyz'[k]}"
 
 
-def _lit(view: View, names: Mapping[str, FaceNormal], way: FaceNormal, seconds: FloatArray) -> Mapping[str, FloatArray]:
-    """What shines on faces that all look one way, by column."""
-    return view.sunlight.on_faces(_with_normals(view, dict.fromkeys(names, way)), seconds)
-
-
 def _with_normals(view: View, normals: Mapping[str, FaceNormal]) -> Scenario:
     """The scenario of a view with some faces that look another way."""
     model = view.window.scenario.network
@@ -208,19 +164,17 @@ def _with_normals(view: View, normals: Mapping[str, FaceNormal]) -> Scenario:
     return view.window.scenario.model_copy(update={"simulator": changed})
 
 
-def _turned(view: View, seconds: FloatArray, lit: Mapping[str, Mapping[str, FloatArray]]) -> Window:
-    """The view's window with faces that look another way; lit: of each, what shines on all faces that look there."""
+def _turned(view: View, seconds: FloatArray, lit: Mapping[str, Shone]) -> Window:
+    """The view's window with faces that look another way; lit: what shines on each at seconds [M]."""
     drive = view.network.drive
     inputs = drive.inputs.copy()
-    for face, of_way in lit.items():
-        own = {column: values for column, values in of_way.items() if column.partition(".")[2] == face}
-        put(inputs, view.network.network.columns, seconds, own, drive.times)
+    put_on(inputs, view.network.network.columns, seconds, lit, drive.times)
     return view.with_inputs(inputs)
 
 
 def tilts(view: View) -> Iterator[Wrong]:
     """The body is turned by a constant angle against its attitude."""
-    for axis, angle in product(np.eye(3), _TILTS if _turnable(view) else ()):
+    for axis, angle in product(np.eye(3), _TILTS if turnable(view) else ()):
         yield from _tilt(view, angle * axis, 20.0)
 
 
@@ -276,15 +230,15 @@ def _rotated(normal: FaceNormal, turn: FloatArray) -> FaceNormal:
 
 def tumbling(view: View) -> Iterator[Wrong]:
     """The body tumbles, and its faces see all directions alike."""
-    turnable = _turnable(view)
-    if not turnable:
+    normals = turnable(view)
+    if not normals:
         return
     words = Words(
         "The body tumbles",
         "With faces that see all directions alike, sunlight and Earth's heat explain the telemetry.",
         "Write 'normal: all' for its faces, or how it spins in 'environment: attitude'",
     )
-    scenario = _with_normals(view, dict.fromkeys(turnable, "all"))
+    scenario = _with_normals(view, dict.fromkeys(normals, "all"))
     yield from driven_otherwise("attitude", "tumbling", words, view, tries=2, scenario=scenario)
 
 

@@ -1,4 +1,4 @@
-"""Numbers of the scenario, its links, and its priors."""
+"""Numbers of the scenario, and its priors."""
 
 from __future__ import annotations
 
@@ -184,34 +184,6 @@ def left_out(view: View) -> Iterator[Wrong]:
         yield Wrong("number", " ".join(chosen), words, window=view.with_numbers(written), tries=3.0)
 
 
-def links(view: View) -> Iterator[Wrong]:
-    """Two nodes are linked that the scenario does not link; `prepared` gave them a link of nothing."""
-    mapping, paths = view.network.mapping, view.network.network.paths
-    written = [mapping.written[k] for k, path in enumerate(paths) if path.startswith("conductors.")]
-    known = [value for value in written if value > _NONE] or [1.0]
-    unlinked = [
-        k for k, path in enumerate(paths) if path.endswith(".conductance") and 0.0 < mapping.written[k] <= _NONE
-    ]
-    for k in unlinked:
-        yield from _link(view, k, [float(np.median(known)) * size for size in (0.2, 1.0, 5.0)], 3.0 * len(unlinked))
-
-
-def _link(view: View, place: int, sizes: Sequence[float], tries: float, near: bool = False) -> Iterator[Wrong]:
-    mapping, path = view.network.mapping, view.network.network.paths[place]
-    for size in sizes:
-        written = mapping.written.copy()
-        written[place] = size
-        between = path.split(".")[1]
-        words = Words(
-            f"A conductor {between} is missing in the scenario",
-            f"With {number(size, 2)} W/K between the two, the model explains the telemetry.",
-            f"Add a conductor between {between.replace('-', ' and ')} to 'simulator: conductors'",
-        )
-        window = view.with_numbers(written)
-        around = partial(_link, view, place, [size * 1.3**k for k in range(-3, 4)], tries, True)
-        yield Wrong("link", between, words, window=window, tries=tries, closer=None if near else around)
-
-
 def priors(view: View) -> Iterator[Wrong]:
     """The prior of a parameter is narrow, and far from what the telemetry says."""
     names = view.problem.names
@@ -361,5 +333,5 @@ def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) ->
     return entries, tuple(written.tolist())
 
 
-WRONGS = (numbers, coatings, left_out, exchanged, links, priors, other_priors)
+WRONGS = (numbers, coatings, left_out, exchanged, priors, other_priors)
 """What looks for them."""

@@ -1,0 +1,222 @@
+"""Faces and conductors that the scenario leaves out, and conductors that end at another node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+
+from ...problem import Window
+from ...report import listed, number
+from ...scenario import Face, FaceNormal
+from ...simulator import FloatArray, build_network
+from ..view import NO_LINK, View
+from .normals import Shone, alike, behind, put_on, shone_on, times_of, turnable, written
+from .wrong import Words, Wrong
+
+_NONE = 10.0 * NO_LINK
+"""W/K, below which nodes are not linked."""
+_MOST_NODES = 14
+"""Of a network, which may lack a face anywhere."""
+_WAYS: tuple[FaceNormal, ...] = tuple(tuple(own) for own in np.vstack([np.eye(3), -np.eye(3)]).tolist())
+_COATINGS = ((0.25, 0.85), (0.9, 0.85))
+"""Absorptivity and emissivity of white and of black paint: what a face may have of which nothing is known."""
+_PER_FACE = 6.0
+"""Ways in which a face that is left out may be another, about: its area and its coating."""
+_AREAS = tuple(1.3**k for k in range(-3, 4))
+"""Times as large as what is looked at first."""
+_MOST_FACES = 40
+"""Of a scenario, whose other sides are tried."""
+_ALONG = 0.99
+"""Cosine from which two faces look the same way."""
+
+
+@dataclass(frozen=True)
+class _Lacking:
+    """What may be left out: faces of some nodes that look one way."""
+
+    faces: tuple[Face, ...]
+    behind: tuple[str, ...] = ()
+    """Of what they are the other sides."""
+
+    @property
+    def nodes(self) -> str:
+        """Those of the faces, in words."""
+        return listed([own.node for own in self.faces])
+
+
+def faces_left_out(view: View) -> Iterator[Wrong]:
+    """A face is not in the scenario, or the other sides of all wings."""
+    known = turnable(view)
+    if not known:
+        return
+    seconds = times_of(view)
+    shone: dict[FaceNormal, Shone] = {}
+    every = [*_other_sides(view, known), *_anywhere(view, known)]
+    for lacking in every:
+        way = lacking.faces[0].normal
+        if way not in shone:
+            shone[way] = shone_on(view, way, seconds)
+        yield from _of(view, lacking, seconds, shone[way], _PER_FACE * len(every))
+
+
+def _other_sides(view: View, known: Mapping[str, FaceNormal]) -> Iterator[_Lacking]:
+    """Other sides of what has one face only: of each alone, and of all that look the same way."""
+    faces, found = view.window.scenario.network.faces, {}
+    for name, normal in known.items() if len(known) <= _MOST_FACES else ():
+        way = behind(normal)
+        if not _looks(view, known, faces[name].node, way):
+            found[name] = faces[name].model_copy(update={"normal": way})
+    groups: dict[FaceNormal, list[str]] = {}
+    for name, face in found.items():
+        groups.setdefault(face.normal, []).append(name)
+    for names in groups.values():
+        if 1 < len(names) == len({found[name].node for name in names}):
+            yield _Lacking(tuple(found[name] for name in names), tuple(names))
+    for name, face in found.items():
+        yield _Lacking((face,), (name,))
+
+
+def _anywhere(view: View, known: Mapping[str, FaceNormal]) -> Iterator[_Lacking]:
+    """Faces of white or black paint, along an axis of the body and as large as others are."""
+    nodes, faces = view.network.network.own_nodes, view.window.scenario.network.faces
+    area = float(np.median([faces[name].area for name in known]))
+    for node, way, coating in product(nodes, _WAYS, _COATINGS) if len(nodes) <= _MOST_NODES else ():
+        if not _looks(view, known, node, way):
+            absorptivity, emissivity = coating
+            face = Face.model_construct(
+                node=node, area=area, normal=way, absorptivity=absorptivity, emissivity=emissivity
+            )
+            yield _Lacking((face,))
+
+
+def _looks(view: View, known: Mapping[str, FaceNormal], node: str, way: FaceNormal) -> bool:
+    """Whether a node has a face that looks a way."""
+    faces = view.window.scenario.network.faces
+    return any(faces[name].node == node and alike(normal, way) > _ALONG for name, normal in known.items())
+
+
+def _of(
+    view: View, lacking: _Lacking, seconds: FloatArray, shone: Shone, tries: float, near: bool = False
+) -> Iterator[Wrong]:
+    """shone: on the faces at seconds [M]."""
+    one, many = lacking.faces[0], len(lacking.faces) > 1
+    other = f"the other {'sides' if many else 'side'} of {listed(lacking.behind)}"
+    place = f" on {other}" if lacking.behind else ""
+    area = " and ".join(dict.fromkeys(number(own.area, 2) for own in lacking.faces))
+    words = Words(
+        f"{'Faces' if many else 'A face'} of {lacking.nodes} {'are' if many else 'is'} missing in the scenario",
+        f"With {area} m2{place}, the normal {written(one.normal)}, an absorptivity of {one.absorptivity:g} and an "
+        f"emissivity of {one.emissivity:g}, the model explains the telemetry.",
+        f"Add {other if lacking.behind else 'the face'} to 'simulator: faces', with "
+        f"{'their' if many else 'its'} own area and coating",
+    )
+
+    def closer() -> Iterator[Wrong]:
+        coatings = [{}, *(dict(zip(("absorptivity", "emissivity"), own, strict=True)) for own in _COATINGS)]
+        for times, coating in product(_AREAS, coatings):
+            faces = tuple(own.model_copy(update={"area": times * own.area, **coating}) for own in lacking.faces)
+            yield from _of(view, replace(lacking, faces=faces), seconds, shone, tries, near=True)
+
+    window = _with_faces(view, lacking.faces, seconds, shone)
+    yield Wrong("face", lacking.nodes, words, window=window, tries=tries, closer=None if near else closer)
+
+
+def _with_faces(view: View, faces: Sequence[Face], seconds: FloatArray, shone: Shone) -> Window:
+    """The view's window with faces that its scenario lacks, one a node; shone: on each at seconds [M]."""
+    scenario, simulator = view.window.scenario, view.network
+    model, old, drive = scenario.network, simulator.network, simulator.drive
+    added = {f"lacking_{face.node}": face for face in faces}
+    changed = scenario.model_copy(update={"simulator": model.model_copy(update={"faces": {**model.faces, **added}})})
+    network = build_network(changed, old.heated)
+    inputs = np.zeros((*drive.inputs.shape[:2], len(network.columns)))
+    inputs[:, :, [network.columns.index(column) for column in old.columns]] = drive.inputs
+    put_on(inputs, network.columns, seconds, dict.fromkeys(added, shone), drive.times)
+    # The numbers of the faces stand between the others.
+    places = np.array([network.position(path) for path in old.paths], dtype=np.int64)
+    mapping = simulator.mapping
+    values = network.values.copy()
+    values[places] = mapping.written
+    mapping = mapping._replace(
+        written=values,
+        set_positions=places[mapping.set_positions],
+        scaled_positions=places[mapping.scaled_positions],
+    )
+    window = view.simulated_by(
+        network=network,
+        mapping=mapping,
+        drive=replace(drive, inputs=inputs),
+        channel_errors=places[simulator.channel_errors],
+    )
+    return replace(window, scenario=changed)
+
+
+def conductors(view: View) -> Iterator[Wrong]:
+    """Two nodes are linked that the scenario does not link; `prepared` gave them a link of nothing."""
+    mapping, paths = view.network.mapping, view.network.network.paths
+    values = [mapping.written[k] for k, path in enumerate(paths) if path.startswith("conductors.")]
+    known = [value for value in values if value > _NONE] or [1.0]
+    unlinked = [
+        k for k, path in enumerate(paths) if path.endswith(".conductance") and 0.0 < mapping.written[k] <= _NONE
+    ]
+    for k in unlinked:
+        yield from _link(view, k, [float(np.median(known)) * size for size in (0.2, 1.0, 5.0)], 3.0 * len(unlinked))
+
+
+def _link(view: View, place: int, sizes: Sequence[float], tries: float, near: bool = False) -> Iterator[Wrong]:
+    mapping, path = view.network.mapping, view.network.network.paths[place]
+    for size in sizes:
+        values = mapping.written.copy()
+        values[place] = size
+        between = path.split(".")[1]
+        words = Words(
+            f"A conductor {between} is missing in the scenario",
+            f"With {number(size, 2)} W/K between the two, the model explains the telemetry.",
+            f"Add a conductor between {between.replace('-', ' and ')} to 'simulator: conductors'",
+        )
+        window = view.with_numbers(values)
+        around = partial(_link, view, place, [size * 1.3**k for k in range(-3, 4)], tries, True)
+        yield Wrong("link", between, words, window=window, tries=tries, closer=None if near else around)
+
+
+def other_ends(view: View) -> Iterator[Wrong]:
+    """A conductor ends at another node than the scenario says."""
+    model, network, mapping = view.window.scenario.network, view.network.network, view.network.mapping
+    number_of = {
+        frozenset(own.between): f"conductors.{own.label}.conductance"
+        for own in model.conductors
+        if own.conductance is not None
+    }
+    places = {pair: network.position(path) for pair, path in number_of.items()}
+    nothing = {pair for pair, k in places.items() if 0.0 < mapping.written[k] <= _NONE}
+    moves = [(pair, other) for pair in places for other in nothing if pair not in nothing and len(pair & other) == 1]
+    for pair, other in moves:
+        name = number_of[pair].split(".")[1]
+        (was,), (end,) = pair - other, other - pair
+        words = Words(
+            f"Conductor {name} is of {end}, not of {was}",
+            f"With the conductor between {listed(sorted(other))}, the model explains the telemetry.",
+            f"Correct 'between' of {name} in 'simulator: conductors'",
+        )
+        window = _exchanged(view, places[pair], places[other])
+        yield Wrong("link", f"{name} {end}", words, window=window, tries=len(moves))
+
+
+def _exchanged(view: View, one: int, other: int) -> Window:
+    """The view's window with two numbers in each other's place, and what sets or scales them."""
+    mapping = view.network.mapping
+    to = np.arange(len(mapping.written))
+    to[[one, other]] = other, one
+    exchanged = mapping._replace(
+        written=mapping.written[to],
+        set_positions=to[mapping.set_positions],
+        scaled_positions=to[mapping.scaled_positions],
+    )
+    return view.simulated_by(mapping=exchanged)
+
+
+WRONGS = (conductors, other_ends, faces_left_out)
+"""What looks for them."""

@@ -1,0 +1,83 @@
+"""Ways that faces look: which are alike or opposite, how they are written, and what shines there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ...scenario import FaceNormal, SunTracking
+from ...simulator import FloatArray
+from ..view import View
+from .wrong import put
+
+_ANY = "face"
+SAME = 1e-6
+"""One less a cosine, below which two ways are the same."""
+
+Shone = Mapping[str, FloatArray]
+"""What shines on a face at some times [M] (W/m^2), by kind, such as ``solar``."""
+
+
+def turnable(view: View) -> dict[str, FaceNormal]:
+    """Which way faces look that look some way, where there is an orbit."""
+    scenario = view.window.scenario
+    known = scenario.network.faces if scenario.environment.orbit is not None else {}
+    return {name: face.normal for name, face in known.items() if face.normal != "all"}
+
+
+def times_of(view: View) -> FloatArray:
+    """[M] s from the window's start, at which it is looked up what shines."""
+    times = view.network.drive.times
+    return np.union1d(view.sunlight.times(view.window.scenario, 0.0, times[-1]), times)
+
+
+def shone_on(view: View, way: FaceNormal, seconds: FloatArray) -> Shone:
+    """What shines on a face that looks one way at seconds [M]."""
+    scenario = view.window.scenario
+    model = scenario.network
+    face = next(iter(model.faces.values())).model_copy(update={"normal": way})
+    alone = scenario.model_copy(update={"simulator": model.model_copy(update={"faces": {_ANY: face}})})
+    lit = view.sunlight.on_faces(alone, seconds)
+    return {column.partition(".")[0]: values for column, values in lit.items()}
+
+
+def put_on(
+    inputs: FloatArray, columns: Sequence[str], seconds: FloatArray, shone: Mapping[str, Shone], grid: FloatArray
+) -> None:
+    """Put what shines on some faces at seconds [M] into the inputs [K, 2, q] of a grid's steps, in place."""
+    for face, of_way in shone.items():
+        put(inputs, columns, seconds, {f"{kind}.{face}": values for kind, values in of_way.items()}, grid)
+
+
+def alike(one: FaceNormal, other: FaceNormal) -> float:
+    """Cosine of the angle between two ways, or between the axes of two drives; 0 of a way and a drive.
+
+    Of the two sides of what a drive turns it has the sign of opposite ways.
+    """
+    if isinstance(one, SunTracking) != isinstance(other, SunTracking):
+        return 0.0
+    a, b = (np.array(own.tracks_sun_about if isinstance(own, SunTracking) else own, float) for own in (one, other))
+    cosine = float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
+    if isinstance(one, SunTracking) and isinstance(other, SunTracking):
+        return abs(cosine) if one.back == other.back else -abs(cosine)
+    return cosine
+
+
+def behind(way: FaceNormal) -> FaceNormal:
+    """How the other side of a plate looks."""
+    if isinstance(way, SunTracking):
+        return way.model_copy(update={"back": not way.back})
+    x, y, z = (-float(own) if own else 0.0 for own in way)
+    return x, y, z
+
+
+def written(way: FaceNormal) -> str:
+    """A normal as a user writes it, such as "[0, 0, 1]"."""
+    if isinstance(way, SunTracking):
+        return f"{{tracks_sun_about: {_numbers(way.tracks_sun_about)}{', back: true' if way.back else ''}}}"
+    return _numbers(way)
+
+
+def _numbers(axis: Iterable[float | str]) -> str:
+    return f"[{', '.join(f'{float(own) + 0.0:.3g}' for own in axis)}]"
