@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -39,6 +41,7 @@ def write_quaternions(path, times, rotations):
     [
         "nadir",
         "sun_pointing",
+        {"aligned": {"axis": [1, 2, 0], "towards": "sun"}, "constrained": {"axis": [0, 1, 1], "towards": [1, 0, 2]}},
         {"inertial": [0.5, -0.5, 0.1, 2.0]},
         {"spin_axis": [1, 2, 3], "direction": [0, -1, 1], "period": "7 min"},
     ],
@@ -55,6 +58,43 @@ def test_nadir_points_z_down_x_forward_and_y_against_the_orbit_normal():
     assert z == pytest.approx(-unit(at.position), abs=1e-12)
     assert y == pytest.approx(-unit(np.cross(at.position, at.velocity)), abs=1e-12)
     assert x == pytest.approx(unit(at.velocity), abs=2e-3)
+
+
+def two(axis, towards, other, second):
+    return {"aligned": {"axis": axis, "towards": towards}, "constrained": {"axis": other, "towards": second}}
+
+
+@pytest.mark.parametrize(
+    ("attitude", "alike"),
+    [
+        ("nadir", two([0, 0, 3], "nadir", [0, -1, 0], "orbit_normal")),
+        ("nadir", two([0, -1, 0], "orbit_normal", [1, 0, 0], "velocity")),
+        ("sun_pointing", two([0, 0, 1], "sun", [0, 1, 0], "ecliptic_north")),
+        ({"inertial": [1, 0, 0, 0]}, two([0, 1, 0], [0, 2, 0], [1, 1, 0], [1, 0.5, 0])),
+    ],
+)
+def test_attitudes_with_names_are_two_axes_that_point_somewhere(attitude, alike):
+    # On a circular orbit the velocity is across the radius to the rounding of its perturbations.
+    for one, other in zip(axes(attitude)[:3], axes(alike)[:3], strict=True):
+        assert one == pytest.approx(other, abs=2e-3)
+
+
+def test_yaw_steering_points_z_down_and_turns_about_it_to_the_sun():
+    x, y, z, at = axes(two([0, 0, 1], "nadir", [1, 0, 0], "sun"))
+    to_sun = unit(at.to_sun)
+    assert z == pytest.approx(-unit(at.position), abs=1e-12)
+    assert np.sum(y * to_sun, axis=1) == pytest.approx(0.0, abs=1e-12)
+    assert (np.sum(x * to_sun, axis=1) > 0.0).all()
+
+
+def test_two_axes_stay_a_frame_while_the_sun_is_overhead():
+    scene = environment(circular(), attitude=two([0, 0, -1], "nadir", [1, 0, 0], "sun"))
+    at = geometry_of(scene)(TIMES)
+    overhead = replace(at, position=7e6 * unit(at.sun), velocity=7e3 * np.cross(unit(at.sun), [0.0, 0.0, 1.0]))
+    x, y, z = np.moveaxis(body_to_inertial(scene.attitude, overhead), 2, 0)
+    assert z == pytest.approx(unit(at.sun), abs=1e-12)
+    assert np.linalg.norm(x, axis=1) == pytest.approx(1.0, abs=1e-12)
+    assert np.cross(x, y) == pytest.approx(z, abs=1e-12)
 
 
 def test_sun_pointing_points_z_to_the_sun_and_y_to_the_ecliptic_pole():

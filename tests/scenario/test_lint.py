@@ -104,6 +104,11 @@ def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
     ]
 
 
+def aligned_to(second, axis="[1, 0, 0]"):
+    """+z to nadir, and another axis."""
+    return f"{{aligned: {{axis: [0, 0, 1], towards: nadir}}, constrained: {{axis: {axis}, towards: {second}}}}}"
+
+
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
@@ -120,6 +125,22 @@ def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
         (("column: TT_BAT, unit", "column: TT_BAT, longest_gap: 1 h, unit"), "found 'longest_gap', expected it for a"),
         (("attitude: nadir", "attitude: [1, 2]"), "found a list of 2, expected an attitude: nadir, sun_pointing"),
         (("attitude: nadir", "attitude: {quaternions: q.csv}"), "found no such file at 'q.csv'"),
+        (
+            ("attitude: nadir", "attitude: {aligned: {axis: [0, 0, 1], towards: nadir}}"),
+            "environment.attitude: missing key 'constrained'",
+        ),
+        (
+            ("attitude: nadir", f"attitude: {aligned_to('sum')}"),
+            "constrained.towards: found 'sum', expected",
+        ),
+        (
+            ("attitude: nadir", f"attitude: {aligned_to('nadir')}"),
+            "constrained.towards: found 'nadir', expected another direction than 'aligned' has",
+        ),
+        (
+            ("attitude: nadir", f"attitude: {aligned_to('sun', '[0, 0, -2]')}"),
+            "constrained.axis: found [0, 0, -2], expected another direction than 'aligned' has",
+        ),
         (("altitude: 693 km", "altitude: 1e200 km"), "found '1e200 km', expected at most 1e+09 m"),
         (("file: example.csv", f"file: {'x' * 5000}"), "found no such file at 'xxxx"),
         (("file: example.csv", "file: '.'"), "found a folder at '.', expected a telemetry file"),

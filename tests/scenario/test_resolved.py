@@ -43,6 +43,10 @@ def resolve(folder, text, name="scenario.yaml"):
         ),
         ("attitude: nadir", "attitude: {spin_axis: [0, 0, 1], direction: [1, 0.5, 0]}"),
         ("attitude: nadir", "attitude: {inertial: [0.6, 0.8, 0, 0]}"),
+        (
+            "attitude: nadir",
+            "attitude: {aligned: {axis: [0, 0, 1], towards: sun}, constrained: {axis: [1, 0, 0], towards: [1, 0, 2]}}",
+        ),
         ("attitude: nadir", "attitude: {quaternions: flown.csv}"),
         ("{node: radiator, bias: -0.1 K,", "{node: radiator, bias: -0.1 K, gain: 0.98, lag: 20 s, time_offset: -2 s,"),
         ("description: Battery", 'description: "on: 18:00 #\\n\\n- ünï & *x"\n# Battery'),
@@ -76,6 +80,7 @@ def resolve(folder, text, name="scenario.yaml"):
         "positions",
         "spin",
         "inertial",
+        "aligned",
         "quaternions",
         "sensor",
         "odd text",

@@ -4,6 +4,8 @@ nadir           +z to the Earth's centre, +y against the orbital angular momentu
                 velocity on a circular orbit, in the orbit plane and forward on every one.
 sun_pointing    +z to the Sun, +y as near as possible to the ecliptic's north pole (the Sun never comes near
                 it, so the frame never degenerates), +x completes.
+aligned         one axis of the body points towards one thing, a second one as near as it can towards another:
+                how most pointing is told, such as yaw steering (+z to nadir, +x to the Sun).
 inertial        fixed; the unit quaternion (w, x, y, z) turns body vectors into inertial ones.
 spinning        the body's `spin_axis` points along the inertial `direction` and the body turns
                 right-handedly about it. At its `epoch` (2000-01-01T12:00 UTC, where none is written) it has turned by
@@ -25,11 +27,22 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..errors import OrbitError
-from ..scenario import Attitude, AttitudeTimeline, InertialAttitude, SampledAttitude, SpinningAttitude
+from ..scenario import (
+    AlignedAttitude,
+    Attitude,
+    AttitudeTimeline,
+    InertialAttitude,
+    SampledAttitude,
+    SpinningAttitude,
+    Target,
+)
 from ._samples import read_samples, state_of, within_span
 from ._time import Floats, Times, seconds_since
 from .geometry import Geometry
 from .sun import OBLIQUITY
+
+_SAME = 1e-9
+"""Sine of the angle between two directions, below which they are the same."""
 
 
 def body_to_inertial(attitude: Attitude, at: Geometry, folder: Path = Path()) -> Floats:
@@ -44,13 +57,14 @@ def body_to_inertial(attitude: Attitude, at: Geometry, folder: Path = Path()) ->
         quaternion = unit(attitude.inertial)
         matrix = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
         return np.broadcast_to(matrix, (len(at.times), 3, 3))
+    if isinstance(attitude, AlignedAttitude):
+        return _aligned(attitude, at)
     if isinstance(attitude, SpinningAttitude):
         return _spinning(attitude, at)
     if isinstance(attitude, SampledAttitude):
         return _sampled(attitude, at, folder)
     if attitude == "sun_pointing":
-        north = np.array([0.0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)])
-        return _axes(z=at.to_sun, towards_y=np.broadcast_to(north, at.sun.shape))
+        return _axes(z=at.to_sun, towards_y=_towards("ecliptic_north", at))
     return _axes(z=-at.position, towards_y=-np.cross(at.position, at.velocity))
 
 
@@ -66,6 +80,40 @@ def _axes(z: Floats, towards_y: Floats) -> Floats:
     x = np.cross(towards_y, z)
     x /= np.linalg.norm(x, axis=-1, keepdims=True)
     return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def _aligned(attitude: AlignedAttitude, at: Geometry) -> Floats:
+    """The turn of two axes of the body to two directions: the first exactly, the second in their plane."""
+    body = _frame(*(np.array(own.axis)[None] for own in (attitude.aligned, attitude.constrained)))
+    inertial = _frame(*(_towards(own.towards, at) for own in (attitude.aligned, attitude.constrained)))
+    matrices: Floats = inertial @ body.transpose(0, 2, 1)
+    return matrices
+
+
+def _frame(first: Floats, second: Floats) -> Floats:
+    """Right-handed frames [T, 3, 3] of columns along the first of two directions [T, 3], and across both."""
+    along, second = unit(first), unit(second)
+    across = np.cross(along, second)
+    # Where both are the same, any direction across will do: it is a moment.
+    any_across = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=-1)])
+    same = np.linalg.norm(across, axis=-1, keepdims=True) < _SAME
+    across = unit(np.where(same, any_across, across))
+    return np.stack([along, across, np.cross(along, across)], axis=-1)
+
+
+def _towards(target: Target | tuple[float, float, float], at: Geometry) -> Floats:
+    """Inertial directions [T, 3], of any length."""
+    if not isinstance(target, str):
+        return np.broadcast_to(np.array(target), at.position.shape)
+    if target == "nadir":
+        return -at.position
+    if target == "sun":
+        return at.to_sun
+    if target == "velocity":
+        return at.velocity
+    if target == "orbit_normal":
+        return np.cross(at.position, at.velocity)
+    return np.broadcast_to([0.0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)], at.position.shape)
 
 
 def slew_begins(attitude: AttitudeTimeline) -> Times:

@@ -3,6 +3,18 @@
 Imports: errors.
 """
 
+from .attitude import (
+    AlignedAttitude,
+    Attitude,
+    AttitudeChange,
+    AttitudeTimeline,
+    InertialAttitude,
+    Pointing,
+    SampledAttitude,
+    SpinningAttitude,
+    Target,
+    spins_fast,
+)
 from .blocks import blocks_of
 from .body import Body
 from .calibrated import (
@@ -29,20 +41,13 @@ from .defaults import (
 from .document import Problem, read_document
 from .environment import (
     OF_EARTH_AND_SUN,
-    Attitude,
-    AttitudeChange,
-    AttitudeTimeline,
     CircularOrbit,
     Earth,
     Environment,
-    InertialAttitude,
     KeplerianOrbit,
     Orbit,
-    SampledAttitude,
     SampledOrbit,
-    SpinningAttitude,
     TleOrbit,
-    spins_fast,
 )
 from .external import (
     CallableSimulator,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from datetime import datetime
-from typing import Annotated, Any, Final, Literal, TypeGuard, cast, get_args
+from typing import Annotated, Any, Final
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from .attitude import Attitude, AttitudeOffset
 from .document import Problem
-from .fields import Block, FileName, Number, OneOf, Time, Vector, exactly_one, of_length
-from .units import Angle, Duration, Quantity, did_you_mean, show
+from .fields import Block, FileName, Number, OneOf, Time, exactly_one
+from .units import Angle, Duration, Quantity, show
 from .wording import refusal
 
 EARTH_RADIUS = 6378.137e3
@@ -55,17 +55,8 @@ def _in_pairs(value: Any) -> Any:
     return value
 
 
-def _check_length(quaternion: tuple[float, ...]) -> tuple[float, ...]:
-    if not any(quaternion):
-        raise ValueError("found a quaternion of length 0, expected length 1 (w, x, y, z)")
-    return quaternion
-
-
 LocalTime = Annotated[str, AfterValidator(_check_local_time)]
 TleLines = Annotated[tuple[str, ...], BeforeValidator(_in_pairs), AfterValidator(_check_elements)]
-Quaternion = Annotated[
-    tuple[Number, Number, Number, Number], of_length(4, "four numbers [w, x, y, z]"), AfterValidator(_check_length)
-]
 
 
 class CircularOrbit(Block):
@@ -125,121 +116,6 @@ class SampledOrbit(Block):
     positions: FileName
 
 
-class InertialAttitude(Block):
-    """Body axes fixed in inertial space: unit quaternion (w, x, y, z), from body to inertial vectors."""
-
-    inertial: Quaternion
-
-
-class SpinningAttitude(Block):
-    """Spin about a body axis that points along an inertial direction."""
-
-    spin_axis: Vector
-    """In the body."""
-    direction: Vector
-    """Inertial direction that the spin axis points to."""
-    period: Duration | None = None
-    """null: fast spin; fluxes are averaged over one turn."""
-    phase: Annotated[float, Quantity("rad")] = 0.0
-    """Turned by at `epoch`, from where the shortest turn from `spin_axis` to `direction` leaves the body."""
-    epoch: Time = datetime(2000, 1, 1, 12)
-
-
-def spins_fast(attitude: object) -> TypeGuard[SpinningAttitude]:
-    """Whether the body turns so fast that fluxes are means over a turn."""
-    return isinstance(attitude, SpinningAttitude) and attitude.period is None
-
-
-class SampledAttitude(Block):
-    """Quaternions from a CSV file with a column time (ISO 8601 UTC) and one for each component."""
-
-    quaternions: FileName
-    columns: tuple[str, str, str, str] = ("w", "x", "y", "z")
-    """What the file calls the real part and the other three."""
-    turns: Literal["body_to_inertial", "inertial_to_body"] = "body_to_inertial"
-    """Which vectors the quaternions turn into which."""
-
-
-NamedAttitude = Literal["nadir", "sun_pointing"]
-
-
-def _one_kind(value: Any) -> Any:
-    if isinstance(value, str):
-        return NamedAttitude
-    if not isinstance(value, dict):
-        return None
-    if "inertial" in value:
-        return InertialAttitude
-    return SampledAttitude if "quaternions" in value else SpinningAttitude
-
-
-_KINDS = "an attitude: nadir, sun_pointing, or a mapping with 'inertial', 'spin_axis'"
-OneAttitude = Annotated[
-    NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude,
-    OneOf(_one_kind, f"{_KINDS} or 'quaternions'"),
-]
-
-
-class AttitudeChange(Block):
-    """From a time on the body is turned to another attitude."""
-
-    at: Time
-    attitude: Annotated[str | OneAttitude, OneOf(lambda value: str if isinstance(value, str) else OneAttitude, _KINDS)]
-    """An attitude, or the name of one of those that the timeline names."""
-
-
-class AttitudeTimeline(Block):
-    """One attitude after another; before the first change the first one holds."""
-
-    named: dict[str, OneAttitude] = Field(default_factory=dict)
-    """Attitudes by the names that the timeline gives them."""
-    timeline: tuple[AttitudeChange, ...] = ()
-    timeline_file: FileName | None = None
-    """CSV file with columns at (UTC) and attitude, in the place of `timeline`: a row for each change or sample."""
-    slew: Annotated[float, Quantity("s", at_least=1.0)] = 120.0
-    """How long each change takes, from its time on: a turn about one axis, at a constant rate."""
-
-    @model_validator(mode="after")
-    def _one_after_another(self) -> AttitudeTimeline:
-        if not self.timeline and self.timeline_file is None:
-            raise ValueError("found no change, expected at least one in 'timeline', or a 'timeline_file'")
-        problems = []
-        for k, change in enumerate(self.timeline):
-            kind = self.attitude_of(change)
-            place = ("timeline", k, "attitude")
-            if kind is None:
-                names = [*self.named, *get_args(NamedAttitude)]
-                hint = did_you_mean(str(change.attitude), names)
-                problems.append(
-                    Problem(place, f"found {show(change.attitude)}, expected one of {', '.join(names)}{hint}")
-                )
-            elif spins_fast(kind):
-                problems.append(Problem(place, "found a spin without period, expected one: the body slews from it"))
-            before = self.timeline[k - 1].at if k else None
-            if before is not None and (change.at - before).total_seconds() < self.slew:
-                message = (
-                    f"found {change.at.isoformat()}, expected a time after the slew of {self.slew:g} s that begins"
-                )
-                problems.append(Problem(("timeline", k, "at"), f"{message} at {before.isoformat()}"))
-        if problems:
-            raise refusal(*problems)
-        return self
-
-    def attitude_of(self, change: AttitudeChange) -> OneAttitude | None:
-        """What the body is turned to; None: the name is not known."""
-        if not isinstance(change.attitude, str):
-            return change.attitude
-        if change.attitude in self.named:
-            return self.named[change.attitude]
-        return cast("OneAttitude", change.attitude) if change.attitude in get_args(NamedAttitude) else None
-
-    @property
-    def attitudes(self) -> tuple[OneAttitude, ...]:
-        """After each change."""
-        found = [self.attitude_of(change) for change in self.timeline]
-        return tuple(kind for kind in found if kind is not None)
-
-
 def _orbit_kind(value: Any) -> type[Block] | None:
     if not isinstance(value, dict):
         return None
@@ -251,28 +127,10 @@ def _orbit_kind(value: Any) -> type[Block] | None:
     return KeplerianOrbit if elements & set(value) else CircularOrbit
 
 
-def _attitude_kind(value: Any) -> Any:
-    if isinstance(value, dict) and {"timeline", "timeline_file", "named", "slew"} & set(value):
-        return AttitudeTimeline
-    return _one_kind(value) and OneAttitude
-
-
-Attitude = Annotated[
-    NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude | AttitudeTimeline,
-    OneOf(_attitude_kind, f"{_KINDS}, 'quaternions' or 'timeline'"),
-]
 Orbit = Annotated[
     CircularOrbit | KeplerianOrbit | TleOrbit | SampledOrbit,
     OneOf(_orbit_kind, "an orbit: altitude and inclination, Keplerian elements, 'tle' or 'positions'"),
 ]
-
-
-class AttitudeOffset(Block):
-    """Small rotation of the body against its attitude, about its own axes; heat fluxes are taken as linear in it."""
-
-    x: Annotated[float, Quantity("rad", at_least=-0.1, at_most=0.1)] = 0.0
-    y: Annotated[float, Quantity("rad", at_least=-0.1, at_most=0.1)] = 0.0
-    z: Annotated[float, Quantity("rad", at_least=-0.1, at_most=0.1)] = 0.0
 
 
 OF_EARTH_AND_SUN = {

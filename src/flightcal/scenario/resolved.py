@@ -5,8 +5,8 @@ from __future__ import annotations
 from io import StringIO
 from typing import Any
 
+from .attitude import AttitudeTimeline
 from .defaults import default_noise
-from .environment import AttitudeTimeline
 from .heat import Heat
 from .meshed import MESHED
 from .network import SimulatorModel

@@ -13,8 +13,9 @@ from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import core_schema
 
 from ..errors import ScenarioError
+from .attitude import AttitudeTimeline
 from .calibration import Calibration
-from .environment import AttitudeTimeline, Environment
+from .environment import Environment
 from .external import (
     KINDS,
     CallableSimulator,

@@ -13,8 +13,8 @@ from typing import Any, get_args
 
 from pydantic import TypeAdapter, ValidationError
 
+from .attitude import NamedAttitude
 from .document import Problem
-from .environment import NamedAttitude
 from .fields import Time
 from .units import Quantity, did_you_mean, show
 

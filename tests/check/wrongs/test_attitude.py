@@ -139,3 +139,27 @@ def test_slews_that_take_longer_than_written_are_named(tmp_path):
     first = named(scenario, data)[0]
     assert (first.kind, first.about) == ("attitude", "slew")
     assert float(first.title.split()[3]) == pytest.approx(900.0, rel=0.35)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "said"),
+    [
+        (([0, 0, 1], "nadir"), ([1, 0, 0], "sun"), "with +z to the Earth and turned about it with +x to the Sun"),
+        pytest.param(([1, 0, 0], "sun"), ([0, 1, 0], "ecliptic_north"), "with +x to the Sun", marks=pytest.mark.slow),
+    ],
+    ids=["yaw steering", "another side to the Sun"],
+)
+def test_a_satellite_that_turns_to_the_sun_is_named(tmp_path, first, second, said):
+    written = boxed()
+    # The Sun is far from the orbit's plane.
+    written["environment"]["orbit"]["ltan"] = "16:00"
+    scenario, _ = small.load(tmp_path, written)
+    keys = ("axis", "towards")
+    written["environment"]["attitude"] = {
+        "aligned": dict(zip(keys, first, strict=True)),
+        "constrained": dict(zip(keys, second, strict=True)),
+    }
+    _, data = small.closed_loop(tmp_path, written)
+    found = named(scenario, data)[0]
+    assert found.title == f"The satellite flew {said}"
+    assert "Write 'attitude: {aligned: {axis: " in found.advice

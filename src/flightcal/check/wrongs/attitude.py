@@ -12,7 +12,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...report import number
-from ...scenario import AttitudeTimeline, InertialAttitude, SampledAttitude, Scenario, SpinningAttitude
+from ...scenario import (
+    AlignedAttitude,
+    AttitudeTimeline,
+    InertialAttitude,
+    Pointing,
+    SampledAttitude,
+    Scenario,
+    SpinningAttitude,
+    Target,
+)
 from ...simulator import FloatArray
 from ..view import View
 from .wrong import Words, Wrong, attitude_of, closer, driven_otherwise, elsewhere, minutes, off, span_of
@@ -28,6 +37,7 @@ _SLEWS = (0.1, 0.25, 0.5, 2.0, 4.0, 10.0)
 """Factors by which the time of a slew is off."""
 _SPIN_RATES = (1.0 / 60.0, 1.0 / 6.0, 0.5, 2.0, 6.0, 60.0)
 """Factors by which the period of a spin is off: a unit, rpm for deg/s, or about half."""
+Axis = tuple[float, float, float]
 _SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 """deg, by which the direction of a spin is turned about an inertial axis."""
 
@@ -35,16 +45,56 @@ _SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 def attitudes(view: View) -> Iterator[Wrong]:
     """Another attitude than the scenario's."""
     written = attitude_of(view)
-    for attitude in ("nadir", "sun_pointing") if written is not None else ():
-        if attitude == written:
-            continue
-        scenario = elsewhere(view, attitude=attitude)
+    if written is None:
+        return
+    others = {own: text for own, text in _OTHERS.items() if own != written}
+    for attitude, text in others.items():
+        as_written = attitude if isinstance(attitude, str) else _as_written(attitude)
         words = Words(
-            f"The satellite flew {attitude.replace('_', '-')}",
-            f"With the attitude '{attitude}', sunlight and Earth's heat explain the telemetry.",
-            f"Write 'attitude: {attitude}' in 'environment', or check the quaternions",
+            f"The satellite flew {text}",
+            f"With the attitude {as_written}, sunlight and Earth's heat explain the telemetry.",
+            f"Write 'attitude: {as_written}' in 'environment', or check the quaternions",
         )
-        yield from driven_otherwise("attitude", attitude, words, view, tries=2, scenario=scenario)
+        about = attitude if isinstance(attitude, str) else text
+        scenario = elsewhere(view, attitude=attitude)
+        yield from driven_otherwise("attitude", about, words, view, tries=len(others), scenario=scenario)
+
+
+def _aligned(axis: Axis, towards: Target, other: Axis, second: Target) -> AlignedAttitude:
+    return AlignedAttitude(
+        aligned=Pointing(axis=axis, towards=towards), constrained=Pointing(axis=other, towards=second)
+    )
+
+
+def _as_written(attitude: AlignedAttitude) -> str:
+    """In a line of YAML."""
+
+    def one(own: Pointing) -> str:
+        return f"{{axis: {list(map(int, own.axis))}, towards: {own.towards}}}"
+
+    return f"{{aligned: {one(attitude.aligned)}, constrained: {one(attitude.constrained)}}}"
+
+
+_SIDES: dict[str, Axis] = {
+    f"{'+' if sign > 0.0 else '-'}{'xyz'[k]}": (sign * (k == 0), sign * (k == 1), sign * (k == 2))
+    for k in range(3)
+    for sign in (1.0, -1.0)
+}
+_OTHERS: dict[str | AlignedAttitude, str] = {
+    "nadir": "nadir",
+    "sun_pointing": "sun-pointing",
+    **{
+        _aligned(_SIDES["+z"], "nadir", own, "sun"): f"with +z to the Earth and turned about it with {name} to the Sun"
+        for name, own in _SIDES.items()
+        if name[1] != "z"
+    },
+    **{
+        _aligned(own, "sun", _SIDES["+x" if name[1] == "y" else "+y"], "ecliptic_north"): f"with {name} to the Sun"
+        for name, own in _SIDES.items()
+        if name != "+z"
+    },
+}
+"""Attitudes that satellites have, in words: yaw steering, and each side to the Sun."""
 
 
 def quaternions(view: View) -> Iterator[Wrong]:

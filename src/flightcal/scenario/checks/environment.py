@@ -6,20 +6,16 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..attitude import AttitudeTimeline, InertialAttitude, OneAttitude, SampledAttitude, spins_fast
 from ..blocks import readable
 from ..document import Location, Problem
 from ..environment import (
     EARTH_RADII,
     OF_EARTH_AND_SUN,
-    AttitudeTimeline,
     CircularOrbit,
     Environment,
-    InertialAttitude,
     KeplerianOrbit,
-    OneAttitude,
-    SampledAttitude,
     SampledOrbit,
-    spins_fast,
 )
 from ..network import SunTracking
 from ..reading import Reading
