@@ -22,6 +22,14 @@ def test_a_bias_is_named_with_its_size(flown, channel, bias):
     assert first.title.endswith("high" if bias > 0 else "low")
 
 
+@pytest.mark.slow
+def test_a_bias_beside_another_sensor_of_the_node_may_be_two_nodes(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, of_three())
+    first = named(scenario, spoilt(data, other_temp=data["other_temp"] + 8.0))[0]
+    assert first.title.endswith("K too high")
+    assert first.sentence.endswith("panel_temp reads panel too: it may be two nodes.")
+
+
 def test_fahrenheit_read_as_celsius_is_named(flown):
     scenario, data = flown
     read = 1.8 * (data["panel_temp"] - 273.15) + 32.0 + 273.15

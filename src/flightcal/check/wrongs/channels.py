@@ -55,7 +55,7 @@ def biases(view: Comparison) -> Iterator[Wrong]:
             return Words(
                 f"{channel} reads {number(abs(bias), 2)} K too {how}",
                 f"A constant bias of {bias:+.1f} K of {channel} alone explains the telemetry best; the other channels "
-                "agree with the model.",
+                f"agree with the model.{_beside(view, channel)}",
                 f"{first} the sensor's calibration curve; or write "
                 f"'observations: {{{channel}: {{bias: {bias:.1f} K}}}}'",
             )
@@ -64,6 +64,16 @@ def biases(view: Comparison) -> Iterator[Wrong]:
             "bias", channel, words, columns=column, least=1.0 / size, most=_MOST_BIAS / size,
             tries=len(view.channels) / often,
         )  # fmt: skip
+
+
+def _beside(view: Comparison, channel: str) -> str:
+    """That what a channel reads may be a node of its own, where others read the same one."""
+    of = view.window.scenario.observations
+    node = of[channel].node
+    others = [other for other in view.channels if other != channel and node is not None and of[other].node == node]
+    if not others:
+        return ""
+    return f" {listed(others)} {'reads' if len(others) == 1 else 'read'} {node} too: it may be two nodes."
 
 
 def gains(view: Comparison) -> Iterator[Wrong]:
@@ -223,7 +233,8 @@ def unrelated(view: Comparison) -> Iterator[Wrong]:
         words = Words(
             f"{channel} does not belong to its node",
             f"{channel} goes its own way, and all other channels agree with the model without it: it may be of another "
-            f"place, another satellite, or a broken sensor; or numbers of its node are far off{followed}.",
+            f"place, another satellite, or a broken sensor; or numbers of its node are far off{followed}."
+            f"{_beside(view, channel)}",
             f"Check which sensor {channel} is, and the numbers of its node; leave it out of 'observations' to "
             "calibrate without it",
         )
