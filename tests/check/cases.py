@@ -68,6 +68,21 @@ def of_three():
     return written
 
 
+def in_three():
+    """The satellite in orbit with a third node, a tray that is linked with the body."""
+    written = sunlit()
+    model = written["simulator"]
+    model["nodes"]["tray"] = {"capacity": "400 J/K"}
+    model["conductors"].append({"between": ["body", "tray"], "conductance": "0.4 W/K"})
+    written["telemetry"]["channels"]["tray_temp"] = {"column": "tray", "unit": "degC", "kind": "temperature"}
+    written["observations"]["tray_temp"] = {"node": "tray"}
+    return written
+
+
+TRAY = {"tray": 5.0}
+"""Of what is read of it; see `small.load`."""
+
+
 def pointed(quaternion):
     """Three attitudes, one after another, that differ from this one by turns."""
     w, x, y, z = quaternion

@@ -154,11 +154,12 @@ class View(Comparison):
 
     def centre(self, observed: FloatArray) -> FloatArray:
         """z [d] at the prior's medians; initial temperatures follow the first samples of `observed` [t, N]."""
-        theta = self.median
+        theta, moved = self.median, {entry for entry, _ in self.moved}
         since = self.window.first_sample + self.rows.seconds
         for name, prior in initial_priors(self.problem.scenario, self.channels, since, observed).items():
-            if name in self.problem.names and hasattr(prior, "mean"):
-                theta[self.problem.names.index(name)] = prior.mean
+            entry = self.problem.names.index(name) if name in self.problem.names else None
+            if entry is not None and entry not in moved and hasattr(prior, "mean"):
+                theta[entry] = prior.mean
         return self.problem.to_z(theta)
 
     @cached_property

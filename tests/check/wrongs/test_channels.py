@@ -9,7 +9,7 @@ from flightcal.check.prepared import prepared
 from flightcal.check.wrongs.channels import other_nodes, swaps, unrelated
 from tests import small
 
-from ..cases import named, of_three, spoilt, sunlit
+from ..cases import TRAY, in_three, named, of_three, spoilt, sunlit
 
 
 @pytest.mark.parametrize(("channel", "bias"), [("body_temp", 9.0), ("panel_temp", 30.0), ("panel_temp", -60.0)])
@@ -20,6 +20,17 @@ def test_a_bias_is_named_with_its_size(flown, channel, bias):
     assert (first.kind, first.about) == ("bias", channel)
     assert float(first.title.split()[2]) == pytest.approx(abs(bias), abs=2.0)
     assert first.title.endswith("high" if bias > 0 else "low")
+
+
+def test_a_channel_of_a_node_that_none_reads_is_named_wherever_it_is_said_to_begin(tmp_path):
+    """What reads a node that is warmer by about as much is no biased sensor."""
+    written = in_three()
+    scenario, data = small.closed_loop(tmp_path, written, columns=TRAY)
+    written["observations"]["tray_temp"] = {"node": "body"}
+    written["simulator"]["nodes"]["tray"]["initial"] = "-30 degC"
+    written["initial_state"] = {"unobserved": "3 K"}
+    scenario, _ = small.load(tmp_path, written, columns=TRAY)
+    assert named(scenario, data)[0].title == "tray_temp is of tray, not of body"
 
 
 @pytest.mark.slow

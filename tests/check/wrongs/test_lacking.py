@@ -4,9 +4,7 @@ import pytest
 
 from tests import small
 
-from ..cases import boxed, named, sunlit
-
-TRAY = {"tray": 5.0}
+from ..cases import TRAY, boxed, in_three, named
 
 
 def test_a_conductor_that_is_missing_is_named(tmp_path):
@@ -15,17 +13,6 @@ def test_a_conductor_that_is_missing_is_named(tmp_path):
     del written["parameters"]["link"], written["simulator"]["conductors"][0]
     scenario, _ = small.load(tmp_path, written)
     assert named(scenario, data)[0].title == "A conductor body-panel is missing in the scenario"
-
-
-def in_three():
-    """The satellite in orbit with a third node, a tray that is linked with the body."""
-    written = sunlit()
-    model = written["simulator"]
-    model["nodes"]["tray"] = {"capacity": "400 J/K"}
-    model["conductors"].append({"between": ["body", "tray"], "conductance": "0.4 W/K"})
-    written["telemetry"]["channels"]["tray_temp"] = {"column": "tray", "unit": "degC", "kind": "temperature"}
-    written["observations"]["tray_temp"] = {"node": "tray"}
-    return written
 
 
 @pytest.mark.parametrize(

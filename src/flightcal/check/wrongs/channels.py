@@ -13,8 +13,8 @@ from ...scenario import Scenario, SimulatorModel
 from ...simulator import ICE_POINT, FloatArray
 from ..comparison import Comparison
 from ..evidence import Fit, Scale
-from ..view import View
-from .wrong import Words, Wrong
+from ..view import Moved, View
+from .wrong import Kind, Words, Wrong
 
 _BIASES = ((8.0, 0.8), (40.0, 0.2))
 """K, prior deviations of a channel's bias, and how often: of a poor calibration, and of a wrong one."""
@@ -193,8 +193,18 @@ def other_nodes(view: View) -> Iterator[Wrong]:
                 f"Correct 'node' of {channel} in 'observations'",
             )
             tries = len(nodes) * len(view.channels)
-            doubled = node in read and read.count(own) == 1
-            yield Wrong("doubled" if doubled else "other node", channel, words, window=window, tries=tries)
+            kind: Kind = "doubled" if node in read and read.count(own) == 1 else "other node"
+            begun = () if node in read else _begun(view, k, node)
+            yield Wrong(kind, channel, words, window=window, moved=begun, tries=tries)
+
+
+def _begun(view: View, channel: int, node: str) -> Moved:
+    """Where a node is at the beginning that another channel would read: what the scenario writes may be far off."""
+    name, valid = f"initial.{node}", np.flatnonzero(np.isfinite(view.observed[:, channel]))
+    if name not in view.problem.names or not len(valid):
+        return ()
+    entry = view.problem.names.index(name)
+    return ((entry, float(view.observed[valid[0], channel] / view.median[entry])),)
 
 
 def between(view: Comparison) -> Iterator[Wrong]:

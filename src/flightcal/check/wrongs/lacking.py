@@ -194,7 +194,7 @@ def other_ends(view: View) -> Iterator[Wrong]:
     nothing = {pair for pair, k in places.items() if 0.0 < mapping.written[k] <= _NONE}
     moves = [(pair, other) for pair in places for other in nothing if pair not in nothing and len(pair & other) == 1]
     for pair, other in moves:
-        name = number_of[pair].split(".")[1]
+        name, should = (number_of[own].split(".")[1] for own in (pair, other))
         (was,), (end,) = pair - other, other - pair
         words = Words(
             f"Conductor {name} is of {end}, not of {was}",
@@ -202,7 +202,7 @@ def other_ends(view: View) -> Iterator[Wrong]:
             f"Correct 'between' of {name} in 'simulator: conductors'",
         )
         window = _exchanged(view, places[pair], places[other])
-        yield Wrong("link", f"{name} {end}", words, window=window, tries=len(moves))
+        yield Wrong("link", f"{name} {should}", words, window=window, tries=len(moves))
 
 
 def _exchanged(view: View, one: int, other: int) -> Window:
