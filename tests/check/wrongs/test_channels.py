@@ -37,8 +37,8 @@ def test_a_channel_of_a_node_that_none_reads_is_named_wherever_it_is_said_to_beg
 def test_a_bias_beside_another_sensor_of_the_node_may_be_two_nodes(tmp_path):
     scenario, data = small.closed_loop(tmp_path, of_three())
     first = named(scenario, spoilt(data, other_temp=data["other_temp"] + 8.0))[0]
-    assert first.title.endswith("K too high")
-    assert first.sentence.endswith("panel_temp reads panel too: it may be two nodes.")
+    assert first.title.endswith("K too high, or has a node of its own")
+    assert first.advice.startswith("Check whether other_temp and panel_temp are of one node, then")
 
 
 def test_fahrenheit_read_as_celsius_is_named(flown):

@@ -1,5 +1,6 @@
 """Faces that look another way or are of another node."""
 
+import numpy as np
 import pytest
 
 from tests import small
@@ -65,6 +66,43 @@ def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, 
     first = named(scenario, data)[0]
     assert first.title == "Faces cells and behind look another way"
     assert said in first.sentence
+
+
+def hinged(front, back):
+    """The satellite with a wing that is fixed at an angle, whose two sides look these ways."""
+    model = boxed()
+    cells = {"node": "panel", "area": "0.08 m^2", "absorptivity": 0.8, "emissivity": 0.8}
+    faces = model["simulator"]["faces"]
+    faces["cells"], faces["behind"] = cells | {"normal": front}, cells | {"normal": back, "absorptivity": 0.2}
+    del faces["outside"], faces["left"]
+    return model
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        ([0, 0, -1], [0, 0, 1]),
+        pytest.param(DRIVEN, marks=pytest.mark.slow),
+    ],
+    ids=["its tilt forgotten", "said to follow the Sun"],
+)
+def test_a_wing_that_is_tilted_is_named_with_about_its_way(tmp_path, written):
+    _, data = small.closed_loop(tmp_path, hinged([0, 0.6, -0.8], [0, -0.6, 0.8]))
+    scenario, _ = small.load(tmp_path, hinged(*written))
+    first = named(scenario, data)[0]
+    assert first.title == "Faces cells and behind look another way"
+    x, y, z = map(float, first.sentence.split("normal [")[1].split("]")[0].split(","))
+    # To half of the last step of 15 deg.
+    assert 0.6 * y - 0.8 * z > np.cos(np.deg2rad(10.0)), (x, y, z)
+
+
+@pytest.mark.slow
+def test_a_side_that_looks_as_the_other_one_is_named(tmp_path):
+    _, data = small.closed_loop(tmp_path, hinged([0, 0.6, -0.8], [0, -0.6, 0.8]))
+    scenario, _ = small.load(tmp_path, hinged([0, 0.6, -0.8], [0, 0.6, -0.8]))
+    first = named(scenario, data)[0]
+    assert first.title == "Face behind looks another way"
+    assert "With the normal [0, -0.6, 0.8] of behind" in first.sentence
 
 
 @pytest.mark.parametrize("period", [None, "20 min"])

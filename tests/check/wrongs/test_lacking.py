@@ -30,6 +30,20 @@ def test_a_conductor_at_another_node_is_named(tmp_path, set_by):
     assert named(scenario, data)[0].title == "Conductor outer is of body, not of panel"
 
 
+def test_a_face_of_an_unusual_coating_is_named_with_about_what_it_absorbs(tmp_path):
+    written = in_three()
+    faces = written["simulator"]["faces"]
+    faces["gold"] = {"node": "tray", "area": "0.1 m^2", "normal": [0, 0, -1], "absorptivity": 0.3, "emissivity": 0.1}
+    _, data = small.closed_loop(tmp_path, written, columns=TRAY)
+    del faces["gold"]
+    scenario, _ = small.load(tmp_path, written, columns=TRAY)
+    first = named(scenario, data)[0]
+    assert first.title == "A face of tray is missing in the scenario"
+    area, absorptivity = (float(first.sentence.split(word)[1].split()[0]) for word in ("With ", "absorptivity of "))
+    # What is looked at is 1.3 times apart, or less.
+    assert area * absorptivity == pytest.approx(0.03, rel=0.35)
+
+
 CELLS = {"area": "0.06 m^2", "absorptivity": 0.8, "emissivity": 0.8}
 
 

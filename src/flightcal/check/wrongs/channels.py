@@ -50,12 +50,14 @@ def biases(view: Comparison) -> Iterator[Wrong]:
 
         def words(fit: Fit, channel: str = channel, size: float = size) -> Words:
             bias = size * float(fit.added[0])
-            how = "high" if bias > 0 else "low"
-            first = f"Check 'unit' of {channel}, then" if abs(bias) > _OTHER_UNIT else "Check"
+            how, others = "high" if bias > 0 else "low", _beside(view, channel)
+            checks = [f"'unit' of {channel}"] if abs(bias) > _OTHER_UNIT else []
+            checks += [f"whether {channel} and {listed(others)} are of one node"] if others else []
+            first = f"Check {' and '.join(checks)}, then" if checks else "Check"
             return Words(
-                f"{channel} reads {number(abs(bias), 2)} K too {how}",
+                f"{channel} reads {number(abs(bias), 2)} K too {how}{', or has a node of its own' if others else ''}",
                 f"A constant bias of {bias:+.1f} K of {channel} alone explains the telemetry best; the other channels "
-                f"agree with the model.{_beside(view, channel)}",
+                "agree with the model.",
                 f"{first} the sensor's calibration curve; or write "
                 f"'observations: {{{channel}: {{bias: {bias:.1f} K}}}}'",
             )
@@ -66,14 +68,11 @@ def biases(view: Comparison) -> Iterator[Wrong]:
         )  # fmt: skip
 
 
-def _beside(view: Comparison, channel: str) -> str:
-    """That what a channel reads may be a node of its own, where others read the same one."""
+def _beside(view: Comparison, channel: str) -> list[str]:
+    """Other channels that read the same node."""
     of = view.window.scenario.observations
     node = of[channel].node
-    others = [other for other in view.channels if other != channel and node is not None and of[other].node == node]
-    if not others:
-        return ""
-    return f" {listed(others)} {'reads' if len(others) == 1 else 'read'} {node} too: it may be two nodes."
+    return [other for other in view.channels if other != channel and node is not None and of[other].node == node]
 
 
 def gains(view: Comparison) -> Iterator[Wrong]:
@@ -240,12 +239,13 @@ def unrelated(view: Comparison) -> Iterator[Wrong]:
         apart = np.abs(view.rows.seconds[:, None] - view.rows.seconds)
         drivers = _drivers_of(view.window.scenario, channel)
         followed = f", or {listed(drivers)}, which a load of it follows, is another column" if drivers else ""
+        others = _beside(view, channel)
+        also = f", and whether {listed(others)} {'is' if len(others) == 1 else 'are'} of the same one" if others else ""
         words = Words(
             f"{channel} does not belong to its node",
             f"{channel} goes its own way, and all other channels agree with the model without it: it may be of another "
-            f"place, another satellite, or a broken sensor; or numbers of its node are far off{followed}."
-            f"{_beside(view, channel)}",
-            f"Check which sensor {channel} is, and the numbers of its node; leave it out of 'observations' to "
+            f"place, another satellite, or a broken sensor; or numbers of its node are far off{followed}.",
+            f"Check which sensor {channel} is, and the numbers of its node{also}; leave it out of 'observations' to "
             "calibrate without it",
         )
         for level, walk in _STRANGE:

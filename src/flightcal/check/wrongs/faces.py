@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from itertools import combinations, product
 
 import numpy as np
@@ -13,7 +14,7 @@ from ...report import listed
 from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking, spins_fast
 from ...simulator import FloatArray, flux_kinds
 from ..view import View
-from .normals import SAME, Shone, alike, behind, put_on, shone_on, times_of, turnable, written
+from .normals import SAME, Shone, alike, behind, put_on, shone_on, tilted, times_of, turnable, written
 from .wrong import Words, Wrong, at_node, driven_otherwise
 
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -26,6 +27,12 @@ _ALONG = 0.99
 """Cosine from which a side looks the way it did, or the way that the other side did; or a turn is about an axis."""
 _MIRRORED = 100
 """Of the same kind as turned axes, and as much less frequent: one face that looks the other way is often the same."""
+_HINGES, _APART = (30.0, 60.0), 30.0
+"""deg, by which plates are tilted that are tried first, and faces when they are looked at closely."""
+_ANY_WAY = 10.0
+"""Times as many ways there are that are along no axis."""
+_Turned = Callable[[Mapping[str, FaceNormal]], Window]
+"""The window with some faces that look other ways."""
 _TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
 """deg, by which the body is turned about one of its axes that are tried first."""
 _LEAST_TILT = 8.0
@@ -40,49 +47,82 @@ def faces(view: View) -> Iterator[Wrong]:
     if not normals:
         return
     seconds = times_of(view)
-    lit = {way: shone_on(view, way, seconds) for way in _WAYS}
-    for way, (name, normal) in product(_WAYS, normals.items()):
-        if alike(normal, way) > 1.0 - SAME:
-            continue
-        words = Words(
-            f"Face {name} looks another way",
-            f"With the normal {written(way)} of {name}, the model explains the telemetry.",
-            f"Check 'normal' of {name} in 'simulator: faces'",
-        )
-        window = _turned(view, seconds, {name: lit[way]})
-        yield Wrong("face", name, words, window=window, tries=5 * len(normals))
-    yield from _plates(view, normals, seconds, lit)
+    lit = cache(lambda way: shone_on(view, way, seconds))
+
+    def turned(ways: Mapping[str, FaceNormal]) -> Window:
+        return _turned(view, seconds, {name: lit(way) for name, way in ways.items()})
+
+    for name, normal in normals.items():
+        for way in dict.fromkeys((*_WAYS, *_behind_others(view, normals, name))):
+            if alike(normal, way) < 1.0 - SAME:
+                yield from _one(name, way, turned, 5 * len(normals))
+    yield from _plates(view, normals, turned)
     if len(normals) > 1:
         yield from _axes(view)
     yield from _exchanged(view, normals)
 
 
-def _plates(
-    view: View,
-    normals: Mapping[str, FaceNormal],
-    seconds: FloatArray,
-    lit: Mapping[FaceNormal, Shone],
-) -> Iterator[Wrong]:
+def _behind_others(view: View, normals: Mapping[str, FaceNormal], name: str) -> list[FaceNormal]:
+    """Ways that a face would look as the other side of one of its node."""
+    faces_of = view.window.scenario.network.faces
+    return [behind(way) for other, way in normals.items() if faces_of[other].node == faces_of[name].node]
+
+
+def _one(name: str, way: FaceNormal, turned: _Turned, tries: float, apart: float = _APART) -> Iterator[Wrong]:
+    words = Words(
+        f"Face {name} looks another way",
+        f"With the normal {written(way)} of {name}, the model explains the telemetry.",
+        f"Check 'normal' of {name} in 'simulator: faces'",
+    )
+
+    def near() -> Iterator[Wrong]:
+        for other in tilted(way, apart):
+            yield from _one(name, other, turned, _of_any_way(tries, apart), 0.5 * apart)
+
+    yield Wrong("face", name, words, window=turned({name: way}), tries=tries, closer=near)
+
+
+def _of_any_way(tries: float, apart: float) -> float:
+    """Alternatives of a face that looks any way, where those that look along the axes are tried first."""
+    return _ANY_WAY * tries if apart == _APART else tries
+
+
+_Plate = Sequence[tuple[str, str]]
+"""Front and back of a plate, or of several that are alike."""
+
+
+def _plates(view: View, normals: Mapping[str, FaceNormal], turned: _Turned) -> Iterator[Wrong]:
     """Both sides of a plate look another way: it was not deployed, is hinged otherwise, or its drive stands still."""
     pairs, wings = _two_sided(view, normals)
     # Of a body that spins so fast that means count, no drive turns anything to the Sun.
-    if pairs and not spins_fast(view.window.scenario.environment.attitude):
-        lit = {**lit, **{way: shone_on(view, way, seconds) for way in _DRIVEN}}
-    plates = [[own] for own in pairs] + wings
-    for plate, way in product(plates, lit):
-        names = [name for both in plate for name in both]
-        if abs(alike(way, normals[names[0]])) > _ALONG:
-            continue
-        fronts, rears = (listed([both[side] for both in plate]) for side in (0, 1))
-        words = Words(
-            f"Faces {listed(names)} look another way",
-            f"With the normal {written(way)} of {fronts}, and {rears} on {'its' if len(plate) == 1 else 'their'} other "
-            "side, the model explains the telemetry.",
-            f"Check whether what they are the two sides of is deployed and turns, and 'normal' of {listed(names)}",
-        )
-        shining = {front: lit[way] for front, _ in plate} | {rear: lit[behind(way)] for _, rear in plate}
-        window = _turned(view, seconds, shining)
-        yield Wrong("face", " ".join(names), words, window=window, tries=8 * len(plates))
+    driven = () if spins_fast(view.window.scenario.environment.attitude) else _DRIVEN
+    plates: list[_Plate] = [*([own] for own in pairs), *wings]
+    for plate in plates:
+        normal, tries = normals[plate[0][0]], 8.0 * len(plates)
+        for way in (*_WAYS, *driven):
+            if abs(alike(way, normal)) <= _ALONG:
+                yield from _plate(plate, way, turned, tries)
+        for hinge in _HINGES:
+            for way in tilted(normal, hinge):
+                yield from _plate(plate, way, turned, _of_any_way(tries, _APART), 0.5 * _APART)
+
+
+def _plate(plate: _Plate, way: FaceNormal, turned: _Turned, tries: float, apart: float = _APART) -> Iterator[Wrong]:
+    names = [name for both in plate for name in both]
+    fronts, rears = (listed([both[side] for both in plate]) for side in (0, 1))
+    words = Words(
+        f"Faces {listed(names)} look another way",
+        f"With the normal {written(way)} of {fronts}, and {rears} on {'its' if len(plate) == 1 else 'their'} other "
+        "side, the model explains the telemetry.",
+        f"Check whether what they are the two sides of is deployed and turns, and 'normal' of {listed(names)}",
+    )
+
+    def near() -> Iterator[Wrong]:
+        for other in tilted(way, apart):
+            yield from _plate(plate, other, turned, _of_any_way(tries, apart), 0.5 * apart)
+
+    window = turned({name: own for front, rear in plate for name, own in ((front, way), (rear, behind(way)))})
+    yield Wrong("face", " ".join(names), words, window=window, tries=tries, closer=near)
 
 
 def _two_sided(

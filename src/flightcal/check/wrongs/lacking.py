@@ -26,8 +26,8 @@ _COATINGS = ((0.25, 0.85), (0.9, 0.85))
 """Absorptivity and emissivity of white and of black paint: what a face may have of which nothing is known."""
 _PER_FACE = 6.0
 """Ways in which a face that is left out may be another, about: its area and its coating."""
-_AREAS = tuple(1.3**k for k in range(-3, 4))
-"""Times as large as what is looked at first."""
+_AREAS, _RATIOS, _CLOSER = tuple(1.3**k for k in range(-3, 4)), (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0), 2
+"""Times as large as what is looked at first, and times what it absorbs of the Sun for what it radiates; so often."""
 _MOST_FACES = 40
 """Of a scenario, whose other sides are tried."""
 _ALONG = 0.99
@@ -90,7 +90,14 @@ def _anywhere(view: View, known: Mapping[str, FaceNormal]) -> Iterator[_Lacking]
             face = Face.model_construct(
                 node=node, area=area, normal=way, absorptivity=absorptivity, emissivity=emissivity
             )
-            yield _Lacking((face,))
+            yield _Lacking((face,), _before(view, known, node, way))
+
+
+def _before(view: View, known: Mapping[str, FaceNormal], node: str, way: FaceNormal) -> tuple[str, ...]:
+    """Faces of a node whose other side looks a way."""
+    faces = view.window.scenario.network.faces
+    of_node = [name for name in known if faces[name].node == node]
+    return tuple(name for name in of_node if alike(behind(known[name]), way) > _ALONG)
 
 
 def _looks(view: View, known: Mapping[str, FaceNormal], node: str, way: FaceNormal) -> bool:
@@ -100,29 +107,38 @@ def _looks(view: View, known: Mapping[str, FaceNormal], node: str, way: FaceNorm
 
 
 def _of(
-    view: View, lacking: _Lacking, seconds: FloatArray, shone: Shone, tries: float, near: bool = False
+    view: View, lacking: _Lacking, seconds: FloatArray, shone: Shone, tries: float, near: int = 0
 ) -> Iterator[Wrong]:
-    """shone: on the faces at seconds [M]."""
+    """shone: on the faces at seconds [M]; near: how often they were looked at more closely."""
     one, many = lacking.faces[0], len(lacking.faces) > 1
     other = f"the other {'sides' if many else 'side'} of {listed(lacking.behind)}"
     place = f" on {other}" if lacking.behind else ""
     area = " and ".join(dict.fromkeys(number(own.area, 2) for own in lacking.faces))
+    absorptivity, emissivity = number(one.absorptivity, 2), number(one.emissivity, 2)
     words = Words(
         f"{'Faces' if many else 'A face'} of {lacking.nodes} {'are' if many else 'is'} missing in the scenario",
-        f"With {area} m2{place}, the normal {written(one.normal)}, an absorptivity of {one.absorptivity:g} and an "
-        f"emissivity of {one.emissivity:g}, the model explains the telemetry.",
+        f"With {area} m2{place}, the normal {written(one.normal)}, an absorptivity of {absorptivity} and an emissivity "
+        f"of {emissivity}, the model explains the telemetry.",
         f"Add {other if lacking.behind else 'the face'} to 'simulator: faces', with "
         f"{'their' if many else 'its'} own area and coating",
     )
 
     def closer() -> Iterator[Wrong]:
-        coatings = [{}, *(dict(zip(("absorptivity", "emissivity"), own, strict=True)) for own in _COATINGS)]
-        for times, coating in product(_AREAS, coatings):
-            faces = tuple(own.model_copy(update={"area": times * own.area, **coating}) for own in lacking.faces)
-            yield from _of(view, replace(lacking, faces=faces), seconds, shone, tries, near=True)
+        for times, ratio in product(_AREAS, _RATIOS):
+            faces = tuple(_sized(own, times, ratio) for own in lacking.faces)
+            yield from _of(view, replace(lacking, faces=faces), seconds, shone, tries, near=near + 1)
 
     window = _with_faces(view, lacking.faces, seconds, shone)
-    yield Wrong("face", lacking.nodes, words, window=window, tries=tries, closer=None if near else closer)
+    yield Wrong("face", lacking.nodes, words, window=window, tries=tries, closer=closer if near < _CLOSER else None)
+
+
+def _sized(face: Face, times: float, ratio: float) -> Face:
+    """A face that radiates so many times as much, and absorbs so much more sunlight beside it."""
+    absorptivity, emissivity = ratio * face.absorptivity, face.emissivity
+    if absorptivity > 1.0:
+        absorptivity, emissivity = 1.0, emissivity / absorptivity
+    area = times * face.area * (face.emissivity / emissivity if emissivity else 1.0)
+    return face.model_copy(update={"area": area, "absorptivity": absorptivity, "emissivity": emissivity})
 
 
 def _with_faces(view: View, faces: Sequence[Face], seconds: FloatArray, shone: Shone) -> Window:

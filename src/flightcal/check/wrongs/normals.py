@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...scenario import FaceNormal, SunTracking
 from ...simulator import FloatArray
@@ -14,6 +16,8 @@ from .wrong import put
 _ANY = "face"
 SAME = 1e-6
 """One less a cosine, below which two ways are the same."""
+_LEAST = 5.0
+"""deg, by which a way is tilted at least."""
 
 Shone = Mapping[str, FloatArray]
 """What shines on a face at some times [M] (W/m^2), by kind, such as ``solar``."""
@@ -70,6 +74,17 @@ def behind(way: FaceNormal) -> FaceNormal:
         return way.model_copy(update={"back": not way.back})
     x, y, z = (-float(own) if own else 0.0 for own in way)
     return x, y, z
+
+
+def tilted(way: FaceNormal, angle: float) -> list[FaceNormal]:
+    """Ways that are turned by an angle (deg), or half of it, about the axes of the body; none for a drive."""
+    if isinstance(way, SunTracking) or angle < _LEAST:
+        return []
+    found = []
+    for axis, turn in product(np.eye(3), (-angle, -0.5 * angle, 0.5 * angle, angle)):
+        x, y, z = Rotation.from_rotvec(turn * axis, degrees=True).apply(np.array(way, float)).tolist()
+        found.append((x, y, z))
+    return [own for own in found if alike(way, own) < 1.0 - SAME]
 
 
 def written(way: FaceNormal) -> str:

@@ -116,7 +116,11 @@ def _check_arithmetic(blocks: Blocks) -> Iterator[Problem]:
 def _check_temperatures(blocks: Blocks) -> Iterator[Problem]:
     """Given temperatures are measured; initial ones are measured or written, and belong to nodes that can have one."""
     observations = blocks.observations.values()
-    observed = {observation.node for observation in observations if observation is not None}
+    observed: dict[str | None, list[str]] = {}
+    for channel, observation in readable(blocks.observations).items():
+        observed.setdefault(observation.node, []).append(channel)
+    twice = [f"{' and '.join(own)} observe '{node}'" for node, own in observed.items() if node and len(own) > 1]
+    hint = f"; {', '.join(twice)}: is one of them of this node?" if twice else ""
     for name, node in readable(blocks.nodes).items():
         location = ("simulator", "nodes", name)
         yield from _check_slope(node, "capacity", location, "the node")
@@ -127,4 +131,4 @@ def _check_temperatures(blocks: Blocks) -> Iterator[Problem]:
             yield Problem((*location, "initial"), f"found 'initial' for {kind} node, expected it for a capacity only")
         if node.capacity is not None and node.initial is None and name not in observed and None not in observations:
             message = "missing key 'initial': no channel observes this node, so its initial temperature is not known"
-            yield Problem(location, message)
+            yield Problem(location, message + hint)
