@@ -150,6 +150,27 @@ def _can_be_elsewhere(case: Case) -> bool:
     return lit(case)
 
 
+def _face_left_out(case: Case) -> str:
+    """The largest face is not in the scenario, nor what sets its numbers."""
+    faces = case.written["simulator"]["faces"]
+    name = max(faces, key=lambda own: amount(faces[own]["area"]))
+    node = faces.pop(name)["node"]
+    parameters = case.written["parameters"]
+    for own in [p for p, item in parameters.items() if f"faces.{name}." in str(item.get("sets", ""))]:
+        del parameters[own]
+    return str(node)
+
+
+def _sensor_of_no_other(case: Case) -> str:
+    """The only sensor of a node is said to be of its neighbour, and the node to begin at 0 degC."""
+    observations = case.written["observations"]
+    channel = f"{_fixed_nodes(case)[0]}_temp"
+    node = observations[channel]["node"]
+    observations[channel]["node"] = next(n for n in case.model["nodes"] if n != node and f"{n}_temp" in case.channels)
+    case.written["simulator"]["nodes"][node]["initial"] = "0 degC"
+    return channel
+
+
 def _modes_exchanged(case: Case) -> str:
     """Busy is called idle, and idle busy."""
     for change in case.written["simulator"]["timeline"]:
@@ -190,5 +211,13 @@ SETUPS = (
         lambda c: heated(c) and len(c.channels) > 1,
     ),
     SetUp("a conductor elsewhere", 93, ("link", "number"), _link_elsewhere, _can_be_elsewhere),
+    SetUp("a face left out", 95, ("face",), _face_left_out, lambda c: lit(c) and len(c.model["faces"]) > 2),
+    SetUp(
+        "a sensor at another node, its own with none",
+        96,
+        ("other node",),
+        _sensor_of_no_other,
+        lambda c: bool(_fixed_nodes(c)) and len(c.channels) > 2,
+    ),
     SetUp("modes exchanged", 94, ("mode",), _modes_exchanged, strong_payload),
 )
