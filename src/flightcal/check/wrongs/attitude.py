@@ -37,9 +37,11 @@ _SLEWS = (0.1, 0.25, 0.5, 2.0, 4.0, 10.0)
 """Factors by which the time of a slew is off."""
 _SPIN_RATES = (1.0 / 60.0, 1.0 / 6.0, 0.5, 2.0, 6.0, 60.0)
 """Factors by which the period of a spin is off: a unit, rpm for deg/s, or about half."""
-Axis = tuple[float, float, float]
 _SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 """deg, by which the direction of a spin is turned about an inertial axis."""
+_NAMED, _SELDOM = 2.0, 150.0
+"""Attitudes that have a name, and others, each of which is ten times as seldom."""
+_Axis = tuple[float, float, float]
 
 
 def attitudes(view: View) -> Iterator[Wrong]:
@@ -47,27 +49,30 @@ def attitudes(view: View) -> Iterator[Wrong]:
     written = attitude_of(view)
     if written is None:
         return
-    others = {own: text for own, text in _OTHERS.items() if own != written}
-    for attitude, text in others.items():
-        as_written = attitude if isinstance(attitude, str) else _as_written(attitude)
+    for attitude, text in _OTHERS.items():
+        if attitude == written:
+            continue
+        as_written = _as_written(attitude)
         words = Words(
             f"The satellite flew {text}",
             f"With the attitude {as_written}, sunlight and Earth's heat explain the telemetry.",
             f"Write 'attitude: {as_written}' in 'environment', or check the quaternions",
         )
-        about = attitude if isinstance(attitude, str) else text
+        about, tries = (as_written, _NAMED) if isinstance(attitude, str) else (text, _SELDOM)
         scenario = elsewhere(view, attitude=attitude)
-        yield from driven_otherwise("attitude", about, words, view, tries=len(others), scenario=scenario)
+        yield from driven_otherwise("attitude", about, words, view, tries=tries, scenario=scenario)
 
 
-def _aligned(axis: Axis, towards: Target, other: Axis, second: Target) -> AlignedAttitude:
+def _aligned(axis: _Axis, towards: Target, other: _Axis, second: Target) -> AlignedAttitude:
     return AlignedAttitude(
         aligned=Pointing(axis=axis, towards=towards), constrained=Pointing(axis=other, towards=second)
     )
 
 
-def _as_written(attitude: AlignedAttitude) -> str:
+def _as_written(attitude: str | AlignedAttitude) -> str:
     """In a line of YAML."""
+    if isinstance(attitude, str):
+        return attitude
 
     def one(own: Pointing) -> str:
         return f"{{axis: {list(map(int, own.axis))}, towards: {own.towards}}}"
@@ -75,7 +80,7 @@ def _as_written(attitude: AlignedAttitude) -> str:
     return f"{{aligned: {one(attitude.aligned)}, constrained: {one(attitude.constrained)}}}"
 
 
-_SIDES: dict[str, Axis] = {
+_SIDES: dict[str, _Axis] = {
     f"{'+' if sign > 0.0 else '-'}{'xyz'[k]}": (sign * (k == 0), sign * (k == 1), sign * (k == 2))
     for k in range(3)
     for sign in (1.0, -1.0)

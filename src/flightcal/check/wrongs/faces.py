@@ -25,8 +25,9 @@ _MOST_NODES = 14
 """Of a network, whose faces are tried at every node."""
 _ALONG = 0.99
 """Cosine from which a side looks the way it did, or the way that the other side did; or a turn is about an axis."""
-_MIRRORED = 100
-"""Of the same kind as turned axes, and as much less frequent: one face that looks the other way is often the same."""
+_OF_ALL, _MIRRORED = 3.0, 300.0
+"""Times as many turns there are, for all faces are seldom wrong where one or two are; and so many are of the other
+hand: that a face or two look the other way is often the same."""
 _HINGES, _APART = (30.0, 60.0), 30.0
 """deg, by which plates are tilted that are tried first, and faces when they are looked at closely."""
 _ANY_WAY = 10.0
@@ -162,7 +163,10 @@ def _axes(view: View) -> Iterator[Wrong]:
     """The body's axes are others, or one of them points the other way, as where axes are left-handed."""
     turns = [turn for turn in Rotation.create_group("O").as_matrix() if not np.allclose(turn, np.eye(3))]
     mirrors = [np.diag(1.0 - 2.0 * axis) for axis in np.eye(3)]
-    ways = [*((turn, "axes", len(turns)) for turn in turns), *((mirror, "hand", _MIRRORED) for mirror in mirrors)]
+    ways = [
+        *((turn, "axes", _OF_ALL * len(turns)) for turn in turns),
+        *((mirror, "hand", _MIRRORED) for mirror in mirrors),
+    ]
     for way, about, tries in ways:
         named = [_named(axis) for axis in way.T]
         words = Words(
