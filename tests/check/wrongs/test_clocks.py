@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from flightcal.check.prepared import prepared
-from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks, temperature_clocks
+from flightcal.check.wrongs.clocks import channel_clocks, clocks, rates, status_clocks, temperature_clocks
 from flightcal.environment.orbit import propagator
 from flightcal.scenario import CircularOrbit
 from tests import small
@@ -209,3 +209,11 @@ def test_channels_of_one_unit_that_are_late_together_are_named_together(tmp_path
     first = named(scenario, data.assign(late))[0]
     assert (first.kind, set(first.about.split())) == ("channel clock", {"first_temp", "second_temp"})
     assert float(first.title.split()[4]) == pytest.approx(12.0, abs=1.0)
+
+
+def test_a_clock_that_is_late_and_gains_little_is_late(tmp_path):
+    """Of 3 h one that gains 11 s, and is 4 min late from the beginning on, is hardly too fast."""
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    assert view is not None
+    assert not list(rates(view, [0.001], late=240.0))
+    assert len(list(rates(view, [0.001], late=30.0))) == 1

@@ -192,3 +192,12 @@ def test_values_are_told_with_their_units(flown):
     sentences = {own.words.title: own.words.sentence for own in numbers(view)}
     told = sentences["nodes.panel.capacity is 0.1000 times what it should be"]
     assert told == "The telemetry agrees with 8000 J/K, not 800.0 J/K."
+
+
+def test_an_area_in_square_centimetres_is_named_as_such(tmp_path):
+    """Heat of hundreds of kilowatts explains it nearly as well."""
+    written = boxed()
+    _, data = small.closed_loop(tmp_path, written)
+    written["simulator"]["faces"]["back"]["area"] = "400 m^2"
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title.startswith("faces.back.area is 10000 times")

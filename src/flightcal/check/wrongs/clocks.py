@@ -44,6 +44,8 @@ _NARROWER = 0.25
 """How much nearer to the best shift so far the next ones are looked for."""
 _NEAR = 0.48
 """Hours from the middle between two whole ones: about a minute from one of them."""
+_MOSTLY_LATE = 5.0
+"""Times what a clock gains in the window, from which one that is late by more is said to be late."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
 _FAR_SHIFTS = tuple(shift for m in (60, 90, 120, 180, 240) for shift in (-60.0 * m, 60.0 * m))
@@ -119,6 +121,8 @@ def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterato
 def rates(view: View, shares: Sequence[float] | FloatArray = _RATES, late: float = 0.0) -> Iterator[Wrong]:
     """All time tags go too fast (positive) or too slowly, and are right, or `late` by some s, at the beginning."""
     for share in map(float, shares):
+        if abs(late) > _MOSTLY_LATE * abs(share) * view.network.drive.times[-1]:
+            continue
         how = "fast" if share > 0 else "slowly"
         words = Words(
             f"The telemetry's clock goes {number(abs(100.0 * share), 2)}% too {how}",

@@ -20,6 +20,8 @@ _BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
 """Of a scenario, whose numbers are tried; heaters and loads are tried elsewhere."""
 _PER_NUMBER = 3.0
 """Ways in which each number is off, about."""
+_OF_AREAS = (1e-4, 1e4)
+"""Factors by which an area in cm^2 is off."""
 _MATTERS = 1.4
 """Factor up to which a number is off as numbers are."""
 _NONE = 10.0 * NO_LINK
@@ -51,7 +53,7 @@ def numbers(view: View) -> Iterator[Wrong]:
     """A number of the scenario has the wrong unit, a digit too many, or is about twice what it should be."""
     paths, fixed = view.network.network.paths, _fixed_numbers(view)
     for k in fixed:
-        for factor in FACTORS:
+        for factor in (*FACTORS, *(_OF_AREAS if paths[k].endswith(".area") else ())):
             yield from _number(view, [k], paths[k], factor, tries=_PER_NUMBER * len(fixed))
         for factor in FEW_TIMES:
             near = partial(_near, view, [k], paths[k], factor, _PER_NUMBER * len(fixed))
