@@ -24,6 +24,7 @@ from ...scenario import (
 )
 from ...simulator import FloatArray
 from ..view import View
+from . import normals
 from .wrong import Words, Wrong, attitude_of, closer, driven_otherwise, elsewhere, minutes, off, span_of
 
 _ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (1, 2, 3, 0))
@@ -75,16 +76,12 @@ def _as_written(attitude: str | AlignedAttitude) -> str:
         return attitude
 
     def one(own: Pointing) -> str:
-        return f"{{axis: {list(map(int, own.axis))}, towards: {own.towards}}}"
+        return f"{{axis: {normals.written(own.axis)}, towards: {own.towards}}}"
 
     return f"{{aligned: {one(attitude.aligned)}, constrained: {one(attitude.constrained)}}}"
 
 
-_SIDES: dict[str, _Axis] = {
-    f"{'+' if sign > 0.0 else '-'}{'xyz'[k]}": (sign * (k == 0), sign * (k == 1), sign * (k == 2))
-    for k in range(3)
-    for sign in (1.0, -1.0)
-}
+_SIDES = {normals.named(way): way for way in normals.WAYS}
 _OTHERS: dict[str | AlignedAttitude, str] = {
     "nadir": "nadir",
     "sun_pointing": "sun-pointing",

@@ -14,17 +14,28 @@ from ...report import listed
 from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking, spins_fast
 from ...simulator import FloatArray, flux_kinds
 from ..view import View
-from .normals import SAME, Shone, alike, behind, put_on, shone_on, tilted, times_of, turnable, written
+from .normals import (
+    ALONG,
+    AXES,
+    SAME,
+    WAYS,
+    Shone,
+    alike,
+    behind,
+    named,
+    put_on,
+    shone_on,
+    tilted,
+    times_of,
+    turnable,
+    written,
+)
 from .wrong import Words, Wrong, at_node, driven_otherwise
 
-_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_WAYS: tuple[FaceNormal, ...] = tuple((sign * x, sign * y, sign * z) for x, y, z in _AXES for sign in (1.0, -1.0))
-_DRIVEN = tuple(SunTracking(tracks_sun_about=axis, back=back) for axis in _AXES for back in (False, True))
+_DRIVEN = tuple(SunTracking(tracks_sun_about=axis, back=back) for axis in AXES for back in (False, True))
 """How sides of a plate look that a drive turns to the Sun."""
 _MOST_NODES = 14
 """Of a network, whose faces are tried at every node."""
-_ALONG = 0.99
-"""Cosine from which a side looks the way it did, or the way that the other side did; or a turn is about an axis."""
 _OF_ALL, _MIRRORED = 3.0, 300.0
 """Times as many turns there are, for all faces are seldom wrong where one or two are; and so many are of the other
 hand: that a face or two look the other way is often the same."""
@@ -54,7 +65,7 @@ def faces(view: View) -> Iterator[Wrong]:
         return _turned(view, seconds, {name: lit(way) for name, way in ways.items()})
 
     for name, normal in normals.items():
-        for way in dict.fromkeys((*_WAYS, *_behind_others(view, normals, name))):
+        for way in dict.fromkeys((*WAYS, *_behind_others(view, normals, name))):
             if alike(normal, way) < 1.0 - SAME:
                 yield from _one(name, way, turned, 5 * len(normals))
     yield from _plates(view, normals, turned)
@@ -97,15 +108,15 @@ def _plates(view: View, normals: Mapping[str, FaceNormal], turned: _Turned) -> I
     pairs, wings = _two_sided(view, normals)
     # Of a body that spins so fast that means count, no drive turns anything to the Sun.
     driven = () if spins_fast(view.window.scenario.environment.attitude) else _DRIVEN
+    ways: list[FaceNormal] = [*WAYS, *driven]
     plates: list[_Plate] = [*([own] for own in pairs), *wings]
     for plate in plates:
         normal, tries = normals[plate[0][0]], 8.0 * len(plates)
-        for way in (*_WAYS, *driven):
-            if abs(alike(way, normal)) <= _ALONG:
+        for way in ways:
+            if abs(alike(way, normal)) <= ALONG:
                 yield from _plate(plate, way, turned, tries)
-        for hinge in _HINGES:
-            for way in tilted(normal, hinge):
-                yield from _plate(plate, way, turned, _of_any_way(tries, _APART), 0.5 * _APART)
+        for way in dict.fromkeys(own for hinge in _HINGES for own in tilted(normal, hinge)):
+            yield from _plate(plate, way, turned, _of_any_way(tries, _APART), 0.5 * _APART)
 
 
 def _plate(plate: _Plate, way: FaceNormal, turned: _Turned, tries: float, apart: float = _APART) -> Iterator[Wrong]:
@@ -168,10 +179,10 @@ def _axes(view: View) -> Iterator[Wrong]:
         *((mirror, "hand", _MIRRORED) for mirror in mirrors),
     ]
     for way, about, tries in ways:
-        named = [_named(axis) for axis in way.T]
+        turned = [named(axis) for axis in way.T]
         words = Words(
             "The body's axes are others" if about == "axes" else "The body's axes are of the other hand",
-            f"With +x, +y and +z of all faces turned to {', '.join(named)}, sunlight and Earth's heat explain the "
+            f"With +x, +y and +z of all faces turned to {', '.join(turned)}, sunlight and Earth's heat explain the "
             "telemetry.",
             "Check the axes of 'normal' in 'simulator: faces' beside those of 'attitude'",
         )
@@ -192,12 +203,6 @@ def _exchanged(view: View, normals: Mapping[str, FaceNormal]) -> Iterator[Wrong]
         )
         about = " ".join(name for pair in both for name in pair)
         yield Wrong("face", about, words, window=view.exchanged(a, b), tries=5 * len(pairs))
-
-
-def _named(axis: FloatArray) -> str:
-    """An axis [3] as it is written, such as +x."""
-    k = int(np.argmax(np.abs(axis)))
-    return f"{'-' if axis[k] < 0.0 else '+'}{'xyz'[k]}"
 
 
 def _with_normals(view: View, normals: Mapping[str, FaceNormal]) -> Scenario:
@@ -251,7 +256,7 @@ def _otherwise_spun(view: View, turn: FloatArray) -> str:
         return ""
     axis = np.array(attitude.spin_axis)
     about = float(turn @ axis / np.linalg.norm(axis))
-    if abs(about) < _ALONG * np.linalg.norm(turn):
+    if abs(about) < ALONG * np.linalg.norm(turn):
         return ""
     phase = (np.degrees(attitude.phase) + about) % 360.0
     return f"Write 'phase: {phase:.0f} deg' in 'environment: attitude': so far the body has turned at 'epoch'"

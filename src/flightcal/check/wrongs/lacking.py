@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 
 import numpy as np
@@ -12,16 +12,15 @@ import numpy as np
 from ...problem import Window
 from ...report import listed, number
 from ...scenario import Face, FaceNormal
-from ...simulator import FloatArray, build_network
+from ...simulator import FloatArray, IntArray, ParameterMap, build_network
 from ..view import NO_LINK, View
-from .normals import Shone, alike, behind, put_on, shone_on, times_of, turnable, written
+from .normals import WAYS, Shone, behind, looking, put_on, shone_on, times_of, turnable, written
 from .wrong import Words, Wrong
 
 _NONE = 10.0 * NO_LINK
 """W/K, below which nodes are not linked."""
 _MOST_NODES = 14
 """Of a network, which may lack a face anywhere."""
-_WAYS: tuple[FaceNormal, ...] = tuple(tuple(own) for own in np.vstack([np.eye(3), -np.eye(3)]).tolist())
 _COATINGS = ((0.25, 0.85), (0.9, 0.85))
 """Absorptivity and emissivity of white and of black paint: what a face may have of which nothing is known."""
 _PER_FACE = 6.0
@@ -30,8 +29,8 @@ _AREAS, _RATIOS, _CLOSER = tuple(1.3**k for k in range(-3, 4)), (0.5, 0.7, 0.85,
 """Times as large as what is looked at first, and times what it absorbs of the Sun for what it radiates; so often."""
 _MOST_FACES = 40
 """Of a scenario, whose other sides are tried."""
-_ALONG = 0.99
-"""Cosine from which two faces look the same way."""
+_Making = Callable[[Sequence[Face]], Window]
+"""The window with faces that look one way."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +53,14 @@ def faces_left_out(view: View) -> Iterator[Wrong]:
     if not known:
         return
     seconds = times_of(view)
-    shone: dict[FaceNormal, Shone] = {}
+    lit = cache(lambda way: shone_on(view, way, seconds))
+
+    def making(faces: Sequence[Face]) -> Window:
+        return _with_faces(view, faces, seconds, lit(faces[0].normal))
+
     every = [*_other_sides(view, known), *_anywhere(view, known)]
     for lacking in every:
-        way = lacking.faces[0].normal
-        if way not in shone:
-            shone[way] = shone_on(view, way, seconds)
-        yield from _of(view, lacking, seconds, shone[way], _PER_FACE * len(every))
+        yield from _of(lacking, making, _PER_FACE * len(every))
 
 
 def _other_sides(view: View, known: Mapping[str, FaceNormal]) -> Iterator[_Lacking]:
@@ -68,7 +68,7 @@ def _other_sides(view: View, known: Mapping[str, FaceNormal]) -> Iterator[_Lacki
     faces, found = view.window.scenario.network.faces, {}
     for name, normal in known.items() if len(known) <= _MOST_FACES else ():
         way = behind(normal)
-        if not _looks(view, known, faces[name].node, way):
+        if not looking(view, known, faces[name].node, way):
             found[name] = faces[name].model_copy(update={"normal": way})
     groups: dict[FaceNormal, list[str]] = {}
     for name, face in found.items():
@@ -84,32 +84,17 @@ def _anywhere(view: View, known: Mapping[str, FaceNormal]) -> Iterator[_Lacking]
     """Faces of white or black paint, along an axis of the body and as large as others are."""
     nodes, faces = view.network.network.own_nodes, view.window.scenario.network.faces
     area = float(np.median([faces[name].area for name in known]))
-    for node, way, coating in product(nodes, _WAYS, _COATINGS) if len(nodes) <= _MOST_NODES else ():
-        if not _looks(view, known, node, way):
+    for node, way, coating in product(nodes, WAYS, _COATINGS) if len(nodes) <= _MOST_NODES else ():
+        if not looking(view, known, node, way):
             absorptivity, emissivity = coating
             face = Face.model_construct(
                 node=node, area=area, normal=way, absorptivity=absorptivity, emissivity=emissivity
             )
-            yield _Lacking((face,), _before(view, known, node, way))
+            yield _Lacking((face,), looking(view, known, node, behind(way)))
 
 
-def _before(view: View, known: Mapping[str, FaceNormal], node: str, way: FaceNormal) -> tuple[str, ...]:
-    """Faces of a node whose other side looks a way."""
-    faces = view.window.scenario.network.faces
-    of_node = [name for name in known if faces[name].node == node]
-    return tuple(name for name in of_node if alike(behind(known[name]), way) > _ALONG)
-
-
-def _looks(view: View, known: Mapping[str, FaceNormal], node: str, way: FaceNormal) -> bool:
-    """Whether a node has a face that looks a way."""
-    faces = view.window.scenario.network.faces
-    return any(faces[name].node == node and alike(normal, way) > _ALONG for name, normal in known.items())
-
-
-def _of(
-    view: View, lacking: _Lacking, seconds: FloatArray, shone: Shone, tries: float, near: int = 0
-) -> Iterator[Wrong]:
-    """shone: on the faces at seconds [M]; near: how often they were looked at more closely."""
+def _of(lacking: _Lacking, making: _Making, tries: float, near: int = 0) -> Iterator[Wrong]:
+    """near: how often they were looked at more closely."""
     one, many = lacking.faces[0], len(lacking.faces) > 1
     other = f"the other {'sides' if many else 'side'} of {listed(lacking.behind)}"
     place = f" on {other}" if lacking.behind else ""
@@ -126,9 +111,9 @@ def _of(
     def closer() -> Iterator[Wrong]:
         for times, ratio in product(_AREAS, _RATIOS):
             faces = tuple(_sized(own, times, ratio) for own in lacking.faces)
-            yield from _of(view, replace(lacking, faces=faces), seconds, shone, tries, near=near + 1)
+            yield from _of(replace(lacking, faces=faces), making, tries, near + 1)
 
-    window = _with_faces(view, lacking.faces, seconds, shone)
+    window = making(lacking.faces)
     yield Wrong("face", lacking.nodes, words, window=window, tries=tries, closer=closer if near < _CLOSER else None)
 
 
@@ -153,17 +138,9 @@ def _with_faces(view: View, faces: Sequence[Face], seconds: FloatArray, shone: S
     put_on(inputs, network.columns, seconds, dict.fromkeys(added, shone), drive.times)
     # The numbers of the faces stand between the others.
     places = np.array([network.position(path) for path in old.paths], dtype=np.int64)
-    mapping = simulator.mapping
-    values = network.values.copy()
-    values[places] = mapping.written
-    mapping = mapping._replace(
-        written=values,
-        set_positions=places[mapping.set_positions],
-        scaled_positions=places[mapping.scaled_positions],
-    )
     window = view.simulated_by(
         network=network,
-        mapping=mapping,
+        mapping=_moved(simulator.mapping, places, network.values),
         drive=replace(drive, inputs=inputs),
         channel_errors=places[simulator.channel_errors],
     )
@@ -224,14 +201,20 @@ def other_ends(view: View) -> Iterator[Wrong]:
 def _exchanged(view: View, one: int, other: int) -> Window:
     """The view's window with two numbers in each other's place, and what sets or scales them."""
     mapping = view.network.mapping
-    to = np.arange(len(mapping.written))
-    to[[one, other]] = other, one
-    exchanged = mapping._replace(
-        written=mapping.written[to],
-        set_positions=to[mapping.set_positions],
-        scaled_positions=to[mapping.scaled_positions],
+    places = np.arange(len(mapping.written))
+    places[[one, other]] = other, one
+    return view.simulated_by(mapping=_moved(mapping, places, mapping.written))
+
+
+def _moved(mapping: ParameterMap, places: IntArray, values: FloatArray) -> ParameterMap:
+    """The map where each number stands at another of `places`, among values that are written beside them."""
+    numbers = values.copy()
+    numbers[places] = mapping.written
+    return mapping._replace(
+        written=numbers,
+        set_positions=places[mapping.set_positions],
+        scaled_positions=places[mapping.scaled_positions],
     )
-    return view.simulated_by(mapping=exchanged)
 
 
 WRONGS = (conductors, other_ends, faces_left_out)

@@ -13,6 +13,11 @@ from ...simulator import FloatArray
 from ..view import View
 from .wrong import put
 
+AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+WAYS = tuple((sign * x, sign * y, sign * z) for x, y, z in AXES for sign in (1.0, -1.0))
+"""Along the axes of the body."""
+ALONG = 0.99
+"""Cosine from which two ways are about the same."""
 _ANY = "face"
 SAME = 1e-6
 """One less a cosine, below which two ways are the same."""
@@ -68,6 +73,12 @@ def alike(one: FaceNormal, other: FaceNormal) -> float:
     return cosine
 
 
+def looking(view: View, normals: Mapping[str, FaceNormal], node: str, way: FaceNormal) -> tuple[str, ...]:
+    """Faces of a node, of those whose normals are known, that look a way."""
+    faces = view.window.scenario.network.faces
+    return tuple(name for name, own in normals.items() if faces[name].node == node and alike(own, way) > ALONG)
+
+
 def behind(way: FaceNormal) -> FaceNormal:
     """How the other side of a plate looks."""
     if isinstance(way, SunTracking):
@@ -85,6 +96,12 @@ def tilted(way: FaceNormal, angle: float) -> list[FaceNormal]:
         x, y, z = Rotation.from_rotvec(turn * axis, degrees=True).apply(np.array(way, float)).tolist()
         found.append((x, y, z))
     return [own for own in found if alike(way, own) < 1.0 - SAME]
+
+
+def named(axis: Sequence[float]) -> str:
+    """An axis of the body as it is called, such as +x."""
+    k = int(np.argmax(np.abs(axis)))
+    return f"{'-' if axis[k] < 0.0 else '+'}{'xyz'[k]}"
 
 
 def written(way: FaceNormal) -> str:
