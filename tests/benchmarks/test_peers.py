@@ -22,6 +22,7 @@ from flightcal.simulator import integrate
 needs_gcc = pytest.mark.skipif(not c_program.compiler_version(), reason="no gcc")
 
 
+@pytest.mark.slow
 def test_the_peers_get_flightcals_system_and_log_density():
     problem, theta = benchmark_problem()
     model = canonical(problem)

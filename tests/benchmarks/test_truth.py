@@ -69,6 +69,7 @@ def simple():
     return replace(satellite, written=written)
 
 
+@pytest.mark.slow
 def test_unmodelled_heat_is_heat_as_that_of_a_mode(tmp_path):
     satellite, watts = simple(), 1.5
     whole = whole_flight(satellite, tmp_path)

@@ -67,6 +67,11 @@ def a_backtest(run):
     return run
 
 
+def a_check(run):
+    write_json(run / "check.json", {})
+    return run
+
+
 def damaged(run):
     (run / "parameters.json").write_text("{")
     return run
@@ -92,6 +97,7 @@ def without_a_field(run):
         (no_run, "found no run, expected the folder of a run"),
         (no_verdict, "found an unfinished run (verdict.json is missing), expected a finished one; run the same"),
         (begun_again, "found an unfinished run (stage 'nuts' is missing)"),
+        (a_check, "found a check, expected the folder of a run"),
         (a_backtest, "found a backtest, expected the folder of a run"),
         (damaged, "parameters.json: not JSON"),
         (of_an_earlier_version, "parameters.json: found another content"),

@@ -1,6 +1,7 @@
 """What of a window was not trained on, where it is known."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from flightcal.problem import build_window
 from flightcal.run import write_netcdf
 
 from .. import small
+from ..check.cases import sunlit
 
 
 def written(**more):
@@ -134,3 +136,17 @@ def test_a_prediction_has_it_as_an_attribute_that_is_read_again(tmp_path):
     )
     write_netcdf(tmp_path / "prediction.nc", tree)
     assert read_unseen(tmp_path / "prediction.nc") == {"test": unseen([train], test, test.observed)}
+
+
+@pytest.mark.parametrize(("more", "told"), [(20.0, False), (60.0, True)])
+def test_a_face_that_the_sun_grazes_is_new_where_it_has_much_more_sunlight(tmp_path, more, told):
+    scenario, data = small.load(tmp_path, sunlit())
+    train = build_window(scenario, data, "train")
+    drive, columns = train.network.drive, train.network.network.columns
+    dark, grazed = drive.inputs.copy(), drive.inputs.copy()
+    dark[:, :, columns.index("solar.outside")] = 0.0
+    grazed[:, :, columns.index("solar.outside")] = more
+    drives = [replace(drive, inputs=inputs) for inputs in (dark, grazed)]
+    windows = [replace(train, simulator=replace(train.network, drive=own)) for own in drives]
+    found = shares(unseen(windows[:1], windows[1]))
+    assert ("sunlight on outside" in found) == told

@@ -22,7 +22,7 @@ def errors(coarse, fine, draws=10):
     return np.stack([a.temperatures - b.temperatures for a, b in pairs])
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [*(pytest.param(k, marks=pytest.mark.slow) for k in (0, 1, 3)), 2, 4])
 def test_random_satellites_are_right_to_the_tolerance_at_draws_of_the_prior(tmp_path, seed):
     written = random_satellite(seed)
     chosen, fine = problem_of(tmp_path, written), problem_of(tmp_path, written, step=1.0)

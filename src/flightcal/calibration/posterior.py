@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..problem import Problem, Runs, patterns_of, places_of
+from ..problem import Problem, Runs, patterns_of, pinned_heaters, places_of
 from ..run import labelled, plain
 from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
@@ -94,6 +94,10 @@ def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:
         if driven and window.unmeasured:
             names = ", ".join(window.simulator.heaters[k] for k in window.unmeasured)
             where += f" ({names}, without one, as the telemetry shows best)"
+        held = pinned_heaters(window.scenario)
+        if held:
+            where += f", and what {', '.join(held)} heats held at its measured temperature, for telemetry "
+            where += "does not show each switch"
         how = f"without unmodelled heat, {where}; then heat was looked at around it"
     elif opened is None:
         measured = getattr(problem.scenario.simulator, "heater_input", "simulated") == "measured"

@@ -10,7 +10,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..problem import Window
+from ..problem import Window, pinned_heaters
 from ..simulator import FloatArray
 from .samples import noise_left, noise_of, series_at
 
@@ -203,11 +203,12 @@ def rows_of(window: Window) -> Rows:
 
 def thermostats(window: Window, rows: Rows) -> Iterator[Thermostat]:
     """Heaters of known thresholds whose sensor has a channel, and that switch on and off in a window."""
+    held = pinned_heaters(window.scenario)
     for name, k, channel in known_thermostats(window):
         heater, bias = window.scenario.network.switches[name], window.scenario.observations[channel].bias
         valid = np.flatnonzero(np.isfinite(window.status[:, k]))
         turns = np.diff(window.status[valid, k] > 0.5)
-        if not turns.any() or turns.mean() > _BUSY:
+        if name in held or not turns.any() or turns.mean() > _BUSY:
             continue
         seconds = (window.times[valid] - window.times[rows.kept[0]]) / np.timedelta64(1, "s")
         middle, on = 0.5 * (seconds[1:] + seconds[:-1])[turns], window.status[valid[1:], k][turns] > 0.5

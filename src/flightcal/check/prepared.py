@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..problem import build_window, problem_of
+from ..problem import build_window, fast_heaters, pinned, problem_of
 from ..scenario import (
     Channel,
     Conductor,
@@ -44,15 +44,16 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
         return None
+    name = scenario.train_windows[0]
+    scenario, telemetry = _held(scenario, telemetry, name)
+    model = scenario.network
     heaters, channels = model.switches, dict(scenario.telemetry.channels)
-    for name, heater in heaters.items():
-        observing = [channel for channel, item in scenario.observations.items() if item.heater == name]
-        channel = heater.measured_by or (observing[0] if observing else None)
-        if channel is None:
-            channel = f"{INFERRED}{name}"
-            telemetry = telemetry.assign({channel: ("time", inferred(scenario, telemetry, name))})
+    for heater, own in heaters.items():
+        if own.measured_by is None:
+            channel = f"{INFERRED}{heater}"
+            telemetry = telemetry.assign({channel: ("time", inferred(scenario, telemetry, heater))})
             channels[channel] = Channel(column=channel, kind="status")
-        heaters[name] = heater.model_copy(update={"measured_by": channel})
+            heaters[heater] = own.model_copy(update={"measured_by": channel})
     update: dict[str, Any] = {"heaters": {**model.heaters, **heaters}}
     update |= {"heater_input": "measured"} if heaters else {}
     update["conductors"] = (*model.conductors, *_of_nothing(model))
@@ -64,7 +65,6 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
         "parameters": {name: _unbounded(own) for name, own in scenario.parameters.items()},
     }
     changed = scenario.model_copy(update=of_all)
-    name = scenario.train_windows[0]
     window = build_window(changed, telemetry, name)
     seconds = (window.times[window.valid.any(axis=1)] - window.start) / np.timedelta64(1, "s")
     enough = float(seconds[min(_ENOUGH, len(seconds)) - 1]) if len(seconds) else 0.0
@@ -72,6 +72,21 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     if window.times[-1] - window.times[0] > np.timedelta64(round(span), "s"):
         window = build_window(changed, telemetry, name, span=span)
     return view_of(problem_of(changed, [window]), telemetry)
+
+
+def _held(scenario: Scenario, telemetry: xarray.Dataset, window: str) -> tuple[Scenario, xarray.Dataset]:
+    """The scenario whose heaters have the status that observes them, and what `pinned` makes of it."""
+    model = scenario.network
+    # The first one, where several do.
+    observing = {own.heater: channel for channel, own in reversed(scenario.observations.items())}
+    heaters = {
+        name: own.model_copy(update={"measured_by": own.measured_by or observing.get(name)})
+        for name, own in model.switches.items()
+    }
+    told = model.model_copy(update={"heaters": {**model.heaters, **heaters}})
+    silent = any(own.measured_by is None for own in heaters.values())
+    fast = fast_heaters([build_window(scenario, telemetry, window)]) if silent else ()
+    return pinned(scenario.model_copy(update={"simulator": told}), telemetry, fast)
 
 
 def _heat(scenario: Scenario) -> Heat:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..problem import Window
+from ..problem import Window, pinned_heaters
 from ..report import number
 from ..scenario import Scenario, SimulatorModel
 from ..simulator import ICE_POINT, FloatArray
@@ -166,12 +166,15 @@ def _between(times: NDArray[np.datetime64], status: FloatArray) -> FloatArray:
 
 
 def unfollowed(window: Window) -> Iterator[tuple[str, Words]]:
-    """Heaters that switch as fast as their status is sampled, or faster, with words.
+    """Heaters that switch as fast as their status is sampled, or faster, and whose nodes are not held, with words.
 
     Samples that have nothing to do with each other are on for 1 / (1 - d) in a row and off for 1 / d, where d is the
     share of them that are on: the sum of the reciprocals is 1. It is smaller where each time on and off is seen.
     """
+    held = pinned_heaters(window.scenario)
     for name, place, _ in known_thermostats(window):
+        if name in held:
+            continue
         status = window.status[:, place]
         on = status[np.isfinite(status)] > 0.5
         turns = np.flatnonzero(np.diff(on))

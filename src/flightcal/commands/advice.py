@@ -33,6 +33,7 @@ def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) 
     yield from _of_priors(scenario)
     yield from _of_tables(scenario, data)
     yield from _of_observations(scenario, data)
+    yield from _of_heaters(scenario, data, trained)
     yield from _of_steps(trained)
 
 
@@ -168,6 +169,23 @@ def _of_observations(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
                 f"not explain; write 'white' beside 'model: ar1', such as 'white: {step / 12**0.5:.2g} K' (a step over "
                 "root 12)"
             )
+
+
+def _of_heaters(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) -> Iterator[str]:
+    """Of heaters that switch more often than telemetry shows."""
+    from ..problem import fast_heaters, pinned, pinned_heaters
+    from ..scenario import SimulatorModel, heat_of
+
+    if not isinstance(scenario.simulator, SimulatorModel) or heat_of(scenario) is None:
+        return
+    held, _ = pinned(scenario, data, fast_heaters(trained))
+    for name in pinned_heaters(held):
+        node = scenario.network.heaters[name].node
+        yield (
+            f"simulator.heaters.{name}: it switches more often than the telemetry shows, so in training {node} is held "
+            f"at its measured temperature, and nothing is found of numbers that act on {node} alone; ask for samples "
+            "that come more often than it switches, if you need these"
+        )
 
 
 def _of_steps(trained: Sequence[Window]) -> Iterator[str]:

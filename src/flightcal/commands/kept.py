@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 
 _STAGES: Final = ("nuts", "predict", "results")
 _FILES: Final = ("scenario.yaml", "verdict.json", "metrics.json", RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE)
-_OTHERS: Final = {"backtest.json": "backtest", "comparison.json": "comparison", "campaign.json": "campaign"}
+_OTHERS: Final = {
+    "backtest.json": "backtest",
+    "comparison.json": "comparison",
+    "campaign.json": "campaign",
+    "check.json": "check",
+}
 ABOUT: Final = {
     CALIBRATED_FILE: "the scenario with the calibrated numbers",
     TABLE_FILE: "every quantity before and after",

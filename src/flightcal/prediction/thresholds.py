@@ -11,9 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from ..problem import Window
+from ..problem import Window, pinned_heaters
 from ..simulator import FloatArray, NetworkSimulator, Observation, Sensors
 
 _FINE = 10.0
@@ -30,6 +31,9 @@ _USUAL_SCATTER = 0.15
 """K, the scale of their prior where no channel shows the sensor,"""
 _FREEDOM = 3.0
 """and its degrees of freedom: half of Student's t, for software may do more than read a sensor."""
+_PARTLY, _MIDDLE = 0.1, 0.2
+"""Share of time on, and off, from which a heater is between its thresholds; K, by how much their middle is known then.
+"""
 _LEAST = 1e-12
 """Density of a switch that no threshold explains."""
 
@@ -80,7 +84,15 @@ def draw_thresholds(
         runs = looking.simulate_many(theta[:, window.simulated], heat)
         seconds = looking.observation.times
         thresholds = [looking.thresholds(own) for own in theta[:, window.simulated]]
-        for heater in range(heaters):
+        held = pinned_heaters(window.scenario)
+        for heater, name in enumerate(simulator.heaters):
+            if name in held:
+                cycling = _cycling(simulator, heater, seconds)
+                for s, run in enumerate(runs):
+                    if run is not None:
+                        beyond = run.temperatures[cycling, heater] - thresholds[s][:, heater].mean()
+                        logs[:, heater, s] += _log_of_middle(beyond)
+                continue
             # Seen upside down, going off is going on.
             for side, sign in enumerate((1.0, -1.0)):
                 found = _switches(window, heater, shift, on=side == 0)
@@ -137,6 +149,25 @@ def _looking(simulator: NetworkSimulator) -> NetworkSimulator:
         channel_errors=np.repeat(errors[:, :1], len(sensors), axis=1),
         channels=simulator.heaters,
     )
+
+
+def _cycling(simulator: NetworkSimulator, heater: int, seconds: FloatArray) -> NDArray[np.bool_]:
+    """[T] whether a heater is on for a share of the time, at seconds [T]."""
+    drive = simulator.drive
+    steps = np.clip(np.searchsorted(drive.times, seconds, side="right") - 1, 0, len(drive.measured) - 1)
+    share = drive.measured[steps, heater]
+    return np.asarray((share > _PARTLY) & (share < 1.0 - _PARTLY))
+
+
+def _log_of_middle(beyond: FloatArray) -> FloatArray:
+    """Of offsets and scatters [o, c], of a sensor that is so many K [T] above the middle of its thresholds.
+
+    Where a heater switches more often than its status is sampled, a drawn sensor is there on average.
+    """
+    if not len(beyond):
+        return np.zeros((len(_OFFSETS), len(_SCATTERS)))
+    of_offsets = -0.5 * ((float(beyond.mean()) - _OFFSETS) / _MIDDLE) ** 2
+    return np.repeat(of_offsets[:, None], len(_SCATTERS), axis=1)
 
 
 def _switches(window: Window, heater: int, shifts: FloatArray, *, on: bool) -> _Switches:

@@ -25,6 +25,8 @@ _HARDLY = 0.01
 """Of what was trained on, if that hardly varies: sunlight that follows the distance to the Sun is not new."""
 _KELVIN = 2.0
 """K, by which the range of a channel's telemetry, or of a boundary's, is widened."""
+_GRAZING = 27.0
+"""W/m^2, by which that of sunlight is widened at least: a face that the Sun grazes has so much more a degree later."""
 _LEAST = 0.005
 """Share of time below which nothing is said."""
 _PLACES = np.array([0.125, 0.375, 0.625, 0.875])
@@ -63,7 +65,8 @@ def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = 
         if kind in _WORDS:
             before = np.concatenate([own[column] for own in known if column in own] or [np.empty(0)])
             wider = _KELVIN if kind == "temperature" else None
-            new = (values > 0.5) & ~(before > 0.5).any() if kind == "mode" else _beyond(values, before, wider)
+            least = _GRAZING if kind == "solar" else 0.0
+            new = (values > 0.5) & ~(before > 0.5).any() if kind == "mode" else _beyond(values, before, wider, least)
             outside[f"{_WORDS[kind]} {which}"] = new
     outside |= _course(trained, window)
     outside |= _sun(trained, window)
@@ -109,14 +112,17 @@ def _times(window: Window) -> NDArray[np.datetime64]:
     return seconds_later(window.start, seconds)
 
 
-def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None) -> Booleans:
-    """Whether values are outside of the range of earlier ones, NaN left out; False where there are no earlier ones."""
+def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None, least: float = 0.0) -> Booleans:
+    """Whether values are outside of the range of earlier ones, NaN left out; False where there are no earlier ones.
+
+    wider: by how much the range is widened; None: by a share of it, or `least`.
+    """
     before = before[np.isfinite(before)]
     if not len(before):
         return np.zeros(len(values), bool)
     low, high = before.min(), before.max()
     if wider is None:
-        wider = max(_WIDER * (high - low), _HARDLY * max(abs(low), abs(high)))
+        wider = max(_WIDER * (high - low), _HARDLY * max(abs(low), abs(high)), least)
     return np.asarray((values < low - wider) | (values > high + wider))
 
 

@@ -35,6 +35,7 @@ from ..telemetry import (
     window_bounds,
 )
 from .entries import entries_of
+from .pinned import fast_heaters, pinned, pinned_heaters
 from .problem import Problem
 from .simulators import build_simulator
 from .window import Bridged, Change, Course, Switching, Window
@@ -70,10 +71,15 @@ def problem_of(scenario: Scenario, windows: Sequence[Window], opened: Sequence[W
 def open_windows(
     windows: Sequence[Window], telemetry: xarray.Dataset, *, span: float | None = None
 ) -> tuple[Window, ...]:
-    """The same windows with every heater driven by its measured status; empty where that cannot be."""
+    """The same windows with every heater driven by its measured status; empty where that cannot be.
+
+    Nodes of those that switch more often than that shows are held by their own telemetry: see `pinned`.
+    """
     if not all(_can_be_opened(window.scenario, telemetry) for window in windows):
         return ()
-    return tuple(build_window(open_loop(window.scenario), telemetry, window.name, span=span) for window in windows)
+    fast = fast_heaters(windows)
+    made = [(pinned(open_loop(window.scenario), telemetry, fast), window.name) for window in windows]
+    return tuple(build_window(*driven, name, span=span) for driven, name in made)
 
 
 def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, span: float | None = None) -> Window:
@@ -135,9 +141,12 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     status = heater_status(scenario, chosen, start)
     reads |= {} if status is None else status.priors
     reads |= initial
+    # Nobody knows when these switch.
+    unseen = [scenario.network.switches[name].measured_by for name in pinned_heaters(scenario)]
+    shown = chosen.assign({channel: np.nan * chosen[channel] for channel in unseen})
     switching = None
     if isinstance(scenario.simulator, SimulatorModel) and scenario.simulator.heater_input == "measured":
-        switching = _switching(scenario, chosen, start)
+        switching = _switching(scenario, shown, start)
     return Window(
         scenario=scenario,
         name=name,
@@ -149,7 +158,7 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         residuals=residuals,
         reads=reads,
         heater_status=status,
-        measured_switches=measured_switches(scenario, chosen, start),
+        measured_switches=measured_switches(scenario, shown, start),
         switching=switching,
         changes=_changes(scenario, start, end),
         bridged=_bridged(scenario, telemetry, start, end),

@@ -4,6 +4,7 @@ Imports: environment, errors, scenario.
 """
 
 from .average import ENOUGH, LONG, MANY, dense_channels
+from .blurred import is_blurred, smoothed
 from .bridges import bridged, measured_inputs
 from .clean import usual_interval
 from .detect import FoundColumn, FoundPacket, detect

@@ -1,5 +1,6 @@
 """Heat that is not what the scenario says."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -184,6 +185,16 @@ def test_a_modes_heat_in_another_node_is_named_with_both(tmp_path):
     _, data = small.closed_loop(tmp_path, switching(idle={"panel": "3 W"}, busy={"panel": "15 W"}))
     scenario, _ = small.load(tmp_path, switching(idle={"panel": "3 W"}, busy={"panel": "3 W", "body": "12 W"}))
     assert named(scenario, data)[0].title == "Mode 'busy' heats panel, not body"
+
+
+def test_all_that_modes_heat_a_node_with_is_named_where_another_has_it(tmp_path):
+    _, data = small.closed_loop(tmp_path, switching(idle={"panel": "8 W"}, busy={"panel": "20 W"}))
+    scenario, _ = small.load(tmp_path, switching(idle={"body": "8 W"}, busy={"body": "20 W"}))
+    first = named(scenario, data)[0]
+    assert first.title == "All modes heat panel, not body"
+    in_all, more = (float(words.split(" W")[0]) for words in re.split("With |and (?=[0-9])", first.sentence)[1:])
+    assert in_all == pytest.approx(8.0, abs=2.0)
+    assert more == pytest.approx(12.0, abs=1.5)
 
 
 def test_a_heater_that_is_missing_may_be_much_stronger_than_what_flows_through_its_node(tmp_path):

@@ -30,6 +30,7 @@ def test_a_conductor_at_another_node_is_named(tmp_path, set_by):
     assert named(scenario, data)[0].title == "Conductor outer is of body, not of panel"
 
 
+@pytest.mark.slow
 def test_a_face_of_an_unusual_coating_is_named_with_about_what_it_absorbs(tmp_path):
     written = in_three()
     faces = written["simulator"]["faces"]

@@ -86,8 +86,11 @@ def _common(view: View, node: str) -> float:
 def _mode_elsewhere(view: View, mode: str, responses: Mapping[str, FloatArray]) -> Iterator[Wrong]:
     """What a mode has more than others in a node is dissipated in another; responses: by node, to 1 W in the mode."""
     modes, nodes = view.window.scenario.network.modes, view.heat.nodes
+    always = {node: _common(view, node) for node in nodes}
+    steady = np.ones((1, 2 * (len(view.network.drive.times) - 1)))
+    in_common = {node: view.response(view.window, view.middle, node, steady) for node in nodes if any(always.values())}
     for node, other in permutations(nodes, 2):
-        power = modes[mode].get(node, 0.0) - _common(view, node)
+        power = modes[mode].get(node, 0.0) - always[node]
         if power <= 0.0:
             continue
         words = Words(
@@ -95,8 +98,22 @@ def _mode_elsewhere(view: View, mode: str, responses: Mapping[str, FloatArray]) 
             f"While the timeline says '{mode}', {other} rises as {node} should, by {number(power, 3)} W.",
             f"Correct 'modes: {mode}'",
         )
-        effect = power * (responses[other] - responses[node])
-        yield Wrong("mode", mode, words, columns=effect, least=0.6, tries=len(modes) * len(nodes) ** 2)
+        effect, tries = power * (responses[other] - responses[node]), len(modes) * len(nodes) ** 2
+        yield Wrong("mode", mode, words, columns=effect, least=0.6, tries=tries)
+        if always[node] <= 0.0:
+            continue
+
+        def of_all(fit: Fit, node: str = node, other: str = other, power: float = power) -> Words:
+            rises, in_all = (size * float(share) for size, share in zip((power, always[node]), fit.added, strict=True))
+            return Words(
+                f"All modes heat {other}, not {node}",
+                f"With {number(in_all, 2)} W of all modes in {other}, not in {node}, and {number(rises, 2)} W more "
+                f"while the timeline says '{mode}', the model explains the telemetry.",
+                f"Check which node is heated by what 'simulator: modes' write for {node}",
+            )
+
+        columns = np.concatenate([effect, always[node] * (in_common[other] - in_common[node])], axis=1)
+        yield Wrong("mode", mode, of_all, columns=columns, least=0.6, tries=tries)
 
 
 def _exchanged(view: View) -> Iterator[Wrong]:

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from ...problem import Window
+from ...problem import PIN, Window
 from ...report import listed, number
 from ...scenario import Face, FaceNormal
 from ...simulator import FloatArray, IntArray, ParameterMap, build_network
@@ -150,7 +150,7 @@ def _with_faces(view: View, faces: Sequence[Face], seconds: FloatArray, shone: S
 def conductors(view: View) -> Iterator[Wrong]:
     """Two nodes are linked that the scenario does not link; `prepared` gave them a link of nothing."""
     mapping, paths = view.network.mapping, view.network.network.paths
-    values = [mapping.written[k] for k, path in enumerate(paths) if path.startswith("conductors.")]
+    values = [mapping.written[k] for k, path in enumerate(paths) if path.startswith("conductors.") and PIN not in path]
     known = [value for value in values if value > _NONE] or [1.0]
     unlinked = [
         k for k, path in enumerate(paths) if path.endswith(".conductance") and 0.0 < mapping.written[k] <= _NONE
@@ -181,7 +181,7 @@ def other_ends(view: View) -> Iterator[Wrong]:
     number_of = {
         frozenset(own.between): f"conductors.{own.label}.conductance"
         for own in model.conductors
-        if own.conductance is not None
+        if own.conductance is not None and PIN not in own.label
     }
     places = {pair: network.position(path) for pair, path in number_of.items()}
     nothing = {pair for pair, k in places.items() if 0.0 < mapping.written[k] <= _NONE}

@@ -9,6 +9,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from ...problem import PIN
 from ...report import listed, number
 from ...scenario import OF_EARTH_AND_SUN, Environment
 from ...simulator import FloatArray
@@ -87,7 +88,10 @@ def _fixed_numbers(view: View) -> list[int]:
     return [
         k
         for k in view.window.sizes
-        if k not in moved and paths[k].partition(".")[0] in _BLOCKS and mapping.written[k] > _NONE
+        if k not in moved
+        and paths[k].partition(".")[0] in _BLOCKS
+        and mapping.written[k] > _NONE
+        and PIN not in paths[k]
     ]
 
 
@@ -277,7 +281,8 @@ def _of_two_parts(view: View) -> Iterator[_Exchange]:
     paths, now = view.network.network.paths, view.numbers
     for block, numbers in _ALIKE:
         places_of = [k for k, path in enumerate(paths) if path.startswith(block) and path.endswith(numbers[0])]
-        own = [paths[k].rpartition(".")[0] for k in sorted(places_of, key=lambda k: -now[k]) if now[k] > _NONE]
+        known = [k for k in places_of if now[k] > _NONE and PIN not in paths[k]]
+        own = [paths[k].rpartition(".")[0] for k in sorted(known, key=lambda k: -now[k])]
         for a, b in combinations(own, 2) if len(own) <= _MOST_ALIKE else ():
             places = [tuple(paths.index(f"{name}.{number}") for name in (a, b)) for number in numbers]
             if all(now[p] > _NONE and now[q] > _NONE for p, q in places):

@@ -1,0 +1,105 @@
+"""Nodes whose heaters switch more often than telemetry shows: in open loop their own temperature is what drives them.
+
+A thermostat keeps such a node between its thresholds, whatever the node's numbers are, and nobody knows when it heats.
+So the telemetry of the node says nothing of these numbers, and all that its neighbours feel of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import Any
+
+import numpy as np
+import xarray
+
+from ..probability import Priors
+from ..scenario import Channel, Conductor, Heater, Node, Scenario, SimulatorModel
+from ..simulator import ICE_POINT, FloatArray, SimulationFailure
+from ..telemetry import is_blurred, smoothed
+from .window import Window
+
+PIN = "telemetry of "
+"""Begins the names of what is made here: boundaries that pinned nodes are linked to, and their channels."""
+_AT_ONCE = 0.5
+"""s, in which a node follows its telemetry."""
+_FAST = 3.0
+"""Times the interval between samples, below which a cycle of a thermostat is not seen."""
+
+
+def pinned(
+    scenario: Scenario, telemetry: xarray.Dataset, fast: Collection[str] = ()
+) -> tuple[Scenario, xarray.Dataset]:
+    """A scenario in open loop in which measured temperatures hold some nodes, and telemetry that has them.
+
+    They are those of heaters that switch more often than their status is sampled, and of `fast`, which have none and
+    switch as often. A heater's node can be held where channels observe it and the sensor.
+    """
+    model = scenario.network
+    if model.reduced_model is not None:
+        return scenario, telemetry
+    channel_of = {own.node: channel for channel, own in scenario.observations.items() if own.node is not None}
+    heaters, nodes, series = dict(model.heaters), dict(model.nodes), dict[str, FloatArray]()
+    channels, conductors = dict(scenario.telemetry.channels), list[Conductor]()
+    for name, switch in model.switches.items():
+        heated, status = {own.node for own in model.on_switch(name).values()}, switch.measured_by
+        unseen = name in fast or (status is not None and is_blurred(telemetry, status))
+        if not unseen or not heated | {switch.sensor} <= set(channel_of):
+            continue
+        of_sensor = _temperature(scenario, telemetry, channel_of[switch.sensor])
+        by_sensor = status is None or name in fast
+        told = f"{PIN}{name}, status"
+        series[told] = _likely_on(switch, of_sensor) if by_sensor else smoothed(telemetry, status or "")
+        channels[told] = Channel(column=told, kind="status")
+        heaters[name] = switch.model_copy(update={"measured_by": told})
+        for node in sorted(heated):
+            channel, capacity = f"{PIN}{node}", model.nodes[node].capacity
+            if channel in nodes or capacity is None:
+                continue
+            series[channel] = _temperature(scenario, telemetry, channel_of[node])
+            channels[channel] = Channel(column=channel, kind="temperature")
+            nodes[channel] = Node.model_construct(boundary=channel)
+            conductors.append(Conductor.model_construct(between=(node, channel), conductance=capacity / _AT_ONCE))
+    if not series:
+        return scenario, telemetry
+    update: dict[str, Any] = {"nodes": nodes, "heaters": heaters, "conductors": (*model.conductors, *conductors)}
+    read = scenario.telemetry.model_copy(update={"channels": channels})
+    held = scenario.model_copy(update={"simulator": model.model_copy(update=update), "telemetry": read})
+    return held, telemetry.assign({name: ("time", own) for name, own in series.items()})
+
+
+def pinned_heaters(scenario: Scenario) -> tuple[str, ...]:
+    """Those whose nodes are held in a scenario that `pinned` made."""
+    model = scenario.simulator
+    if not isinstance(model, SimulatorModel):
+        return ()
+    return tuple(name for name, own in model.switches.items() if (own.measured_by or "").startswith(PIN))
+
+
+def _temperature(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> FloatArray:
+    """[T] K of the node that a channel reads, by what the scenario says of its errors."""
+    observation = scenario.observations[channel]
+    return (smoothed(telemetry, channel) - observation.bias - ICE_POINT) / observation.gain + ICE_POINT
+
+
+def _likely_on(heater: Heater, sensor: FloatArray) -> FloatArray:
+    """[T] share of time on of a heater whose sensor is at temperatures [T] K: it switches where this is in between."""
+    return np.where(sensor > heater.off_above, 0.0, np.where(sensor < heater.on_below, 1.0, 0.5))
+
+
+def fast_heaters(windows: Iterable[Window]) -> set[str]:
+    """Heaters without a measured status that switch, in closed loop at the priors' medians, more often than is seen."""
+    found = set()
+    for window in windows:
+        names = [window.network.heaters[k] for k in window.unmeasured] if window.network is not None else []
+        if not names:
+            continue
+        median = Priors(window.names, tuple(window.reads.values())).median()
+        try:
+            switches = window.simulate(median).switches
+        except SimulationFailure:
+            continue
+        for k, name in zip(window.unmeasured, names, strict=True):
+            cycles = np.diff(switches.time[(switches.heater == k) & (switches.on > 0.5)])
+            if len(cycles) and np.median(cycles) < _FAST * window.interval:
+                found.add(name)
+    return found

@@ -1,0 +1,105 @@
+"""Heaters that switch more often than telemetry shows."""
+
+import numpy as np
+import pytest
+
+from flightcal.check import suspects
+from flightcal.problem import build_problem, pinned_heaters
+from flightcal.problem.pinned import PIN, fast_heaters, pinned
+from flightcal.simulator import open_loop
+from tests import small
+
+THETA = {"link": 0.65, "panel_size": 1.1, "power": 28.0, "capacity": 300.0, "initial_panel": 262.0}
+
+
+def fast():
+    """The small satellite with a light body, which its heater warms in half a minute."""
+    written = small.content()
+    del written["heat"]
+    written["simulator"]["nodes"]["body"]["capacity"] = "300 J/K"
+    written["parameters"]["capacity"] = {
+        "sets": "nodes.body.capacity",
+        "prior": {"lognormal": {"median": "300 J/K", "factor": 1.2}},
+    }
+    return written
+
+
+def without_status(written):
+    del written["simulator"]["heaters"]["heater"]["measured_by"], written["observations"]["heater_status"]
+    return written
+
+
+def opened(problem):
+    (window,) = problem.open_loop.windows
+    return window
+
+
+@pytest.fixture
+def told(tmp_path):
+    """Scenario and telemetry with a status."""
+    return small.closed_loop(tmp_path, fast(), **THETA)
+
+
+def test_the_node_of_such_a_heater_is_at_its_measured_temperature_in_open_loop(told):
+    problem = build_problem(*told)
+    window = opened(problem)
+    assert pinned_heaters(window.scenario) == ("heater",)
+    assert pinned_heaters(problem.windows[0].scenario) == ()
+    theta = problem.at(window, problem.priors.median())
+    body = window.simulator.channels.index("body_temp")
+    simulated, observed = window.simulate(theta).temperatures[:, body], window.observed[:, body]
+    # Between its thresholds, 3 K apart, it is anywhere; on average it is where it is measured.
+    assert np.std(simulated - observed) < 1.0
+    assert np.mean(simulated - observed) == pytest.approx(0.0, abs=0.1)
+    assert not len(window.switching.time)
+
+
+def test_telemetry_of_such_a_node_says_nothing_of_its_own_numbers_and_much_of_its_links(told):
+    problem = build_problem(*told)
+    window = opened(problem)
+    theta = problem.at(window, problem.priors.median())
+    before = window.simulate(theta).temperatures
+    moved = {}
+    for name in ("capacity", "power", "link"):
+        other = theta.copy()
+        other[window.names.index(name)] *= 1.2
+        moved[name] = np.abs(window.simulate(other).temperatures - before).max()
+    assert moved["capacity"] < 0.05
+    assert moved["power"] < 0.05
+    assert moved["link"] > 1.0
+
+
+def test_a_right_scenario_with_such_a_heater_is_not_suspected(told, tmp_path):
+    scenario, data = told
+    assert suspects(build_problem(scenario, data), data).found == ()
+    silent, same = small.load(tmp_path, without_status(fast()))
+    same = data.drop_vars(set(data) - set(same))
+    assert suspects(build_problem(silent, same), same).found == ()
+
+
+def test_a_heater_without_a_status_is_known_by_what_it_would_do(told, tmp_path):
+    _, data = told
+    silent, _ = small.load(tmp_path, without_status(fast()))
+    problem = build_problem(silent, data)
+    assert fast_heaters(problem.windows) == {"heater"}
+    window = opened(problem)
+    assert pinned_heaters(window.scenario) == ("heater",)
+    assert window.unmeasured == ()
+
+
+def test_where_each_switch_is_seen_and_where_a_node_has_no_channel_nothing_is_held(told, tmp_path):
+    scenario, data = small.closed_loop(tmp_path, small.content() | {"heat": {}})
+    assert pinned(open_loop(scenario), data)[1] is data
+    scenario, data = told
+    observations = {name: own for name, own in scenario.observations.items() if own.node != "body"}
+    assert pinned(open_loop(scenario.model_copy(update={"observations": observations})), data)[1] is data
+
+
+def test_a_channel_with_errors_holds_its_node_where_the_node_is(told):
+    scenario, data = told
+    item = scenario.observations["body_temp"].model_copy(update={"bias": 2.0, "gain": 1.1})
+    erring = scenario.model_copy(update={"observations": {**scenario.observations, "body_temp": item}})
+    _, right = pinned(open_loop(scenario), data)
+    read = 1.1 * (data["body_temp"] - 273.15) + 273.15 + 2.0
+    _, found = pinned(open_loop(erring), data.assign(body_temp=read))
+    np.testing.assert_allclose(found[f"{PIN}body"], right[f"{PIN}body"], atol=1e-9)
