@@ -129,6 +129,16 @@ def test_what_is_not_told_of_the_noise_of_several_channels_is_one_caution():
     assert len(together.details) == 2
 
 
+def test_of_two_combinations_of_the_same_parameters_the_one_that_is_told_least_is_said():
+    problem = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH)
+    checked = check(problem, THOROUGH, infos(problem))
+    moves = (Move("level", 1.0, 1.2, 1.0), Move("idle", 0.1, 0.3, 3.0))
+    own = (Combination(moves, 0.01, "mixed"), Combination(moves[::-1], 0.2, "mixed"))
+    changed = replace(checked, identifiability=replace(checked.identifiability, combinations=own))
+    (said,) = [finding for finding in findings_of(changed) if "make up for one another" in finding.title]
+    assert said.title.startswith("level and idle")
+
+
 def test_a_channel_without_samples_is_not_the_one_with_the_least_inside():
     problem = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH)
     checked = check(problem, THOROUGH, infos(problem))

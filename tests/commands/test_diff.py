@@ -1,6 +1,7 @@
 """What `flightcal diff` says of two runs."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
@@ -21,7 +22,8 @@ def rows_of(output, name):
 
 
 def quantity(mean, deviation, unit="W/K"):
-    return Calibrated("x", "parameter", unit, mean, mean, mean, mean, mean, deviation, mean, mean, 0.5)
+    ends = (mean - 1.96 * deviation, mean + 1.96 * deviation)
+    return Calibrated("x", "parameter", unit, mean, mean, mean, mean, mean, deviation, *ends, 0.5)
 
 
 def test_a_run_and_itself_are_the_same(tmp_path):
@@ -99,6 +101,12 @@ def test_a_folder_that_is_no_run_is_a_message(tmp_path):
 def test_a_difference_is_counted_in_deviations_of_both():
     assert in_deviations(quantity(1.0, 0.3), quantity(2.0, 0.4)) == pytest.approx(2.0)
     assert math.isnan(in_deviations(quantity(1.0, 0.0), quantity(2.0, 0.0)))
+
+
+def test_a_long_tail_away_from_the_other_hides_no_difference():
+    one, two = quantity(2000.0, 350.0), replace(quantity(50000.0, 55000.0), median=35000.0, lower=12000.0, upper=2e5)
+    assert in_deviations(one, two) == pytest.approx(33000.0 / math.hypot(23000.0 / 1.96, 350.0), rel=1e-9)
+    assert in_deviations(two, one) == -in_deviations(one, two)
 
 
 def test_units_of_two_scenarios_are_made_one():

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _FEW = 20
 """Differences between scenarios that are told."""
 _SCORES = ("rmse", "crps", "picp", "mpiw")
+_TO_95 = 1.96
+"""Deviations of a normal distribution from its mean to an end of its 95% interval."""
 _SEVERAL = 2.0
 """Deviations from which on a difference is marked."""
 
@@ -58,9 +60,14 @@ def print_difference(first: Path, second: Path, console: Console, *, every: bool
 
 
 def in_deviations(one: Calibrated, two: Calibrated) -> float:
-    """Difference of two means over the root of the sum of their variances, in the same unit; NaN: no deviation."""
-    deviation = math.hypot(one.deviation, two.deviation)
-    return (two.mean - one.mean) / deviation if deviation > 0 else math.nan
+    """Difference of two medians over the root of the sum of their variances, in the same unit; NaN: no deviation.
+
+    A variance is that of a normal distribution whose 95% interval reaches as far towards the other one: a posterior may
+    have a long tail on its other side.
+    """
+    low, high = sorted((one, two), key=lambda own: own.median)
+    deviation = math.hypot(high.median - high.lower, low.upper - low.median) / _TO_95
+    return (two.median - one.median) / deviation if deviation > 0.0 else math.nan
 
 
 def differences(one: Any, two: Any, place: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -75,6 +75,13 @@ def pinned_heaters(scenario: Scenario) -> tuple[str, ...]:
     return tuple(name for name, own in model.switches.items() if (own.measured_by or "").startswith(PIN))
 
 
+def pinned_nodes(scenario: Scenario) -> set[str]:
+    """Those that are held in a scenario that `pinned` made."""
+    model = scenario.simulator
+    names = model.nodes if isinstance(model, SimulatorModel) else ()
+    return {name.removeprefix(PIN) for name in names if name.startswith(PIN)}
+
+
 def _temperature(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> FloatArray:
     """[T] K of the node that a channel reads, by what the scenario says of its errors."""
     observation = scenario.observations[channel]

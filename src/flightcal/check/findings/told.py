@@ -28,7 +28,11 @@ def identifiability(checked: Checked) -> list[Finding]:
     combinations = checked.identifiability.combinations
     of_noise = [own for own in combinations if all(name.startswith("noise.") for name in own.names)]
     alone = combinations if len(of_noise) < 2 else [own for own in combinations if own not in of_noise]
-    found = [combination_finding(checked, own) for own in alone]
+    # Of what is told of the same parameters twice, the first: of it the telemetry says least.
+    told: dict[frozenset[str], Finding] = {}
+    for own in alone:
+        told.setdefault(frozenset(own.names), combination_finding(checked, own))
+    found = list(told.values())
     if len(of_noise) > 1:
         found.append(_noise_finding(checked, of_noise))
     correlated = checked.identifiability.correlated

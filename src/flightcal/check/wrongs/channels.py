@@ -38,6 +38,8 @@ COLDEST, HOTTEST = 100.0, 500.0
 """K, that a satellite may be."""
 _MOST_SWAPPED = 10
 """Channels, of which any three may be each other's."""
+_OR_ITS_OWN = ", or has a node of its own"
+"""What else may be of a channel that is not the only one of its node."""
 _MOST_NODES = 15
 """Of a network whose channels are tried at every node."""
 
@@ -55,7 +57,7 @@ def biases(view: Comparison) -> Iterator[Wrong]:
             checks += [f"whether {channel} and {listed(others)} are of one node"] if others else []
             first = f"Check {' and '.join(checks)}, then" if checks else "Check"
             return Words(
-                f"{channel} reads {number(abs(bias), 2)} K too {how}{', or has a node of its own' if others else ''}",
+                f"{channel} reads {number(abs(bias), 2)} K too {how}{_OR_ITS_OWN if others else ''}",
                 f"A constant bias of {bias:+.1f} K of {channel} alone explains the telemetry best; the other channels "
                 "agree with the model.",
                 f"{first} the sensor's calibration curve; or write "
@@ -182,13 +184,14 @@ def other_nodes(view: View) -> Iterator[Wrong]:
         for node in nodes:
             if node == own or len(nodes) > _MOST_NODES:
                 continue
+            near = f"; or it has a node of its own, near {node}, which the scenario lacks"
             states = sensors.state.copy()
             states[k] = simulator.network.nodes.index(node)
             observation = replace(simulator.observation, sensors=sensors._replace(state=states))
             window = view.simulated_by(observation=observation)
             words = Words(
                 f"{channel} is of {node}, not of {own}",
-                f"{channel} does what the model says of {node}.",
+                f"{channel} does what the model says of {node}{near if _beside(view, channel) else ''}.",
                 f"Correct 'node' of {channel} in 'observations'",
             )
             tries = len(nodes) * len(view.channels)
@@ -242,7 +245,7 @@ def unrelated(view: Comparison) -> Iterator[Wrong]:
         others = _beside(view, channel)
         also = f", and whether {listed(others)} {'is' if len(others) == 1 else 'are'} of the same one" if others else ""
         words = Words(
-            f"{channel} does not belong to its node",
+            f"{channel} does not belong to its node{_OR_ITS_OWN if others else ''}",
             f"{channel} goes its own way, and all other channels agree with the model without it: it may be of another "
             f"place, another satellite, or a broken sensor; or numbers of its node are far off{followed}.",
             f"Check which sensor {channel} is, and the numbers of its node{also}; leave it out of 'observations' to "

@@ -11,7 +11,7 @@ from math import comb
 import numpy as np
 
 from ...errors import FlightcalError
-from ...problem import Window
+from ...problem import Window, pinned_nodes
 from ...report import listed, number
 from ...scenario import SpinningAttitude
 from ...simulator import FloatArray
@@ -189,7 +189,8 @@ def channel_clocks(
     apart: float = SHIFT,
 ) -> Iterator[Wrong]:
     """Time tags of a channel, or of a group of them, are late or early, by more than lies between two samples."""
-    known = view.channels if len(view.channels) > 1 else ()
+    simulated = _simulated(view)
+    known = simulated if len(simulated) > 1 else []
     in_order = (sorted(own, key=view.channels.index) for own in groups or [[name] for name in known])
     tried, few = {tuple(own): view.apart(own) for own in in_order}, _few_shifts(view)
     for late in map(float, few if seconds is None else seconds):
@@ -215,10 +216,17 @@ def channel_clocks(
 def _channels_like(view: Comparison, own: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
     """About as late, and as late with one more channel: those of one unit are late together."""
     yield from channel_clocks(view, closer(late, apart), [own], _NARROWER * apart)
-    others = [name for name in view.channels if name not in own]
+    others = [name for name in _simulated(view) if name not in own]
     # All of them are the telemetry's clock.
     if len(others) > 1:
         yield from channel_clocks(view, [late], [[*own, name] for name in others], apart)
+
+
+def _simulated(view: Comparison) -> list[str]:
+    """Channels of nodes that are not held at what is read there, whenever that is."""
+    scenario = view.window.scenario
+    held = pinned_nodes(scenario)
+    return [name for name in view.channels if scenario.observations[name].node not in held]
 
 
 def _moved(view: Comparison, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:
