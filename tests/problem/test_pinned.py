@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray
 
 from flightcal.check import suspects
 from flightcal.problem import build_problem, pinned_heaters
@@ -9,6 +10,7 @@ from flightcal.problem.pinned import PIN, fast_heaters, pinned
 from flightcal.simulator import open_loop
 from tests import small
 
+ALL = (np.datetime64("2024-03-01"), np.datetime64("2024-03-02"))
 THETA = {"link": 0.65, "panel_size": 1.1, "power": 28.0, "capacity": 300.0, "initial_panel": 262.0}
 
 
@@ -89,17 +91,28 @@ def test_a_heater_without_a_status_is_known_by_what_it_would_do(told, tmp_path):
 
 def test_where_each_switch_is_seen_and_where_a_node_has_no_channel_nothing_is_held(told, tmp_path):
     scenario, data = small.closed_loop(tmp_path, small.content() | {"heat": {}})
-    assert pinned(open_loop(scenario), data)[1] is data
+    assert pinned(open_loop(scenario), data, ALL)[1] is data
     scenario, data = told
     observations = {name: own for name, own in scenario.observations.items() if own.node != "body"}
-    assert pinned(open_loop(scenario.model_copy(update={"observations": observations})), data)[1] is data
+    assert pinned(open_loop(scenario.model_copy(update={"observations": observations})), data, ALL)[1] is data
 
 
 def test_a_channel_with_errors_holds_its_node_where_the_node_is(told):
     scenario, data = told
     item = scenario.observations["body_temp"].model_copy(update={"bias": 2.0, "gain": 1.1})
     erring = scenario.model_copy(update={"observations": {**scenario.observations, "body_temp": item}})
-    _, right = pinned(open_loop(scenario), data)
+    _, right = pinned(open_loop(scenario), data, ALL)
     read = 1.1 * (data["body_temp"] - 273.15) + 273.15 + 2.0
-    _, found = pinned(open_loop(erring), data.assign(body_temp=read))
+    _, found = pinned(open_loop(erring), data.assign(body_temp=read), ALL)
     np.testing.assert_allclose(found[f"{PIN}body"], right[f"{PIN}body"], atol=1e-9)
+
+
+def test_a_node_without_telemetry_for_long_is_not_held(told):
+    scenario, data = told
+    heard = np.arange(data.sizes["time"]) % 100 < 40
+    seldom = data.assign(body_temp=data["body_temp"].where(xarray.DataArray(heard, dims="time")))
+    assert pinned(open_loop(scenario), data, ALL)[1] is not data
+    assert pinned(open_loop(scenario), seldom, ALL)[1] is seldom
+    few = np.arange(data.sizes["time"]) % 100 > 5
+    gaps = data.assign(body_temp=data["body_temp"].where(xarray.DataArray(few, dims="time")))
+    assert pinned_heaters(opened(build_problem(scenario, gaps)).scenario) == ("heater",)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from ..environment import orbital_period
 from ..problem import build_window, fast_heaters, pinned, problem_of
 from ..scenario import (
     Channel,
@@ -21,6 +22,7 @@ from ..scenario import (
     TruncatedNormal,
     Uniform,
 )
+from ..telemetry import window_bounds
 from .comparison import INFERRED
 from .thermostat import inferred
 from .view import HEAT, NO_LINK, SHARES, View, view_of
@@ -86,7 +88,8 @@ def _held(scenario: Scenario, telemetry: xarray.Dataset, window: str) -> tuple[S
     told = model.model_copy(update={"heaters": {**model.heaters, **heaters}})
     silent = any(own.measured_by is None for own in heaters.values())
     fast = fast_heaters([build_window(scenario, telemetry, window)]) if silent else ()
-    return pinned(scenario.model_copy(update={"simulator": told}), telemetry, fast)
+    span = window_bounds(scenario.windows[window], orbital_period(scenario.environment, scenario.folder))
+    return pinned(scenario.model_copy(update={"simulator": told}), telemetry, span, fast)
 
 
 def _heat(scenario: Scenario) -> Heat:

@@ -178,8 +178,9 @@ def _of_heaters(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Wind
 
     if not isinstance(scenario.simulator, SimulatorModel) or heat_of(scenario) is None:
         return
-    held, _ = pinned(scenario, data, fast_heaters(trained))
-    for name in pinned_heaters(held):
+    fast = fast_heaters(trained)
+    held = [pinned(scenario, data, window.span, fast)[0] for window in trained]
+    for name in dict.fromkeys(name for own in held for name in pinned_heaters(own)):
         node = scenario.network.heaters[name].node
         yield (
             f"simulator.heaters.{name}: it switches more often than the telemetry shows, so in training {node} is held "

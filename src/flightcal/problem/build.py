@@ -78,7 +78,7 @@ def open_windows(
     if not all(_can_be_opened(window.scenario, telemetry) for window in windows):
         return ()
     fast = fast_heaters(windows)
-    made = [(pinned(open_loop(window.scenario), telemetry, fast), window.name) for window in windows]
+    made = [(pinned(open_loop(window.scenario), telemetry, window.span, fast), window.name) for window in windows]
     return tuple(build_window(*driven, name, span=span) for driven, name in made)
 
 

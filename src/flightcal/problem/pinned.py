@@ -15,26 +15,33 @@ import xarray
 from ..probability import Priors
 from ..scenario import Channel, Conductor, Heater, Node, Scenario, SimulatorModel
 from ..simulator import ICE_POINT, FloatArray, SimulationFailure
-from ..telemetry import is_blurred, smoothed
+from ..telemetry import SHORT_GAP, is_blurred, smoothed
 from .window import Window
 
 PIN = "telemetry of "
 """Begins the names of what is made here: boundaries that pinned nodes are linked to, and their channels."""
 _AT_ONCE = 0.5
 """s, in which a node follows its telemetry."""
+_MOST_GAPS = 0.1
+"""Share of the time in which a node that is held may have no telemetry: a line is drawn through it,"""
+_ANY_GAP = {"longest_gap_s": np.inf}
+"""however long it is."""
 _FAST = 3.0
 """Times the interval between samples, below which a cycle of a thermostat is not seen."""
 
 
 def pinned(
-    scenario: Scenario, telemetry: xarray.Dataset, fast: Collection[str] = ()
+    scenario: Scenario,
+    telemetry: xarray.Dataset,
+    span: tuple[np.datetime64, np.datetime64],
+    fast: Collection[str] = (),
 ) -> tuple[Scenario, xarray.Dataset]:
-    """A scenario in open loop in which measured temperatures hold some nodes, and telemetry that has them.
+    """A scenario in open loop in which measured temperatures hold some nodes in a span, and telemetry that has them.
 
     They are those of heaters that switch more often than their status is sampled, and of `fast`, which have none and
-    switch as often. A heater's node can be held where channels observe it and the sensor.
+    switch as often. A heater's node can be held where channels observe it and the sensor, with few gaps.
     """
-    model = scenario.network
+    model, inside = scenario.network, telemetry.sel(time=slice(*span))
     if model.reduced_model is not None:
         return scenario, telemetry
     channel_of = {own.node: channel for channel, own in scenario.observations.items() if own.node is not None}
@@ -44,6 +51,8 @@ def pinned(
         heated, status = {own.node for own in model.on_switch(name).values()}, switch.measured_by
         unseen = name in fast or (status is not None and is_blurred(telemetry, status))
         if not unseen or not heated | {switch.sensor} <= set(channel_of):
+            continue
+        if any(_gaps(inside, channel_of[node]) > _MOST_GAPS for node in heated | {switch.sensor}):
             continue
         of_sensor = _temperature(scenario, telemetry, channel_of[switch.sensor])
         by_sensor = status is None or name in fast
@@ -64,7 +73,14 @@ def pinned(
     update: dict[str, Any] = {"nodes": nodes, "heaters": heaters, "conductors": (*model.conductors, *conductors)}
     read = scenario.telemetry.model_copy(update={"channels": channels})
     held = scenario.model_copy(update={"simulator": model.model_copy(update=update), "telemetry": read})
-    return held, telemetry.assign({name: ("time", own) for name, own in series.items()})
+    return held, telemetry.assign({name: ("time", own, _ANY_GAP) for name, own in series.items()})
+
+
+def _gaps(telemetry: xarray.Dataset, channel: str) -> float:
+    """Share of the time between a channel's first and last sample that lies in long gaps; 1: it has none or one."""
+    times = telemetry["time"].to_numpy()[np.isfinite(telemetry[channel].to_numpy())]
+    apart = np.diff(times) / np.timedelta64(1, "s")
+    return float(apart[apart > SHORT_GAP * np.median(apart)].sum() / apart.sum()) if len(apart) else 1.0
 
 
 def pinned_heaters(scenario: Scenario) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ _NARROWER = 0.25
 """How much nearer to the best shift so far the next ones are looked for."""
 _NEAR = 0.48
 """Hours from the middle between two whole ones: about a minute from one of them."""
-_MOSTLY_LATE = 5.0
+_MOSTLY_LATE = 3.0
 """Times what a clock gains in the window, from which one that is late by more is said to be late."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
