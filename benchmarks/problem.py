@@ -175,7 +175,7 @@ def make_problem(written: dict[str, Any], truth: dict[str, float], folder: Path)
             data[channel].values[:] = run.status[:, k]
     problem = build_problem(scenario, data)
     ordered = problem.priors.median()
-    ordered[problem.windows[0].simulated] = theta
+    ordered[[problem.names.index(name) for name in simulator.parameters]] = theta
     return problem, ordered
 
 
