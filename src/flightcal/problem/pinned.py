@@ -6,7 +6,7 @@ So the telemetry of the node says nothing of these numbers, and all that its nei
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -41,26 +41,19 @@ def pinned(
     They are those of heaters that switch more often than their status is sampled, and of `fast`, which have none and
     switch as often. A heater's node can be held where channels observe it and the sensor, with few gaps.
     """
-    model, inside = scenario.network, telemetry.sel(time=slice(*span))
-    if model.reduced_model is not None:
-        return scenario, telemetry
-    channel_of = {own.node: channel for channel, own in scenario.observations.items() if own.node is not None}
+    model, channel_of = scenario.network, _channels(scenario)
+    unseen = _unseen(scenario, telemetry, span, fast) if model.reduced_model is None else ()
     heaters, nodes, series = dict(model.heaters), dict(model.nodes), dict[str, FloatArray]()
     channels, conductors = dict(scenario.telemetry.channels), list[Conductor]()
-    for name, switch in model.switches.items():
-        heated, status = {own.node for own in model.on_switch(name).values()}, switch.measured_by
-        unseen = name in fast or (status is not None and is_blurred(telemetry, status))
-        if not unseen or not heated | {switch.sensor} <= set(channel_of):
-            continue
-        if any(_gaps(inside, channel_of[node]) > _MOST_GAPS for node in heated | {switch.sensor}):
-            continue
-        of_sensor = _temperature(scenario, telemetry, channel_of[switch.sensor])
-        by_sensor = status is None or name in fast
-        told = f"{PIN}{name}, status"
-        series[told] = _likely_on(switch, of_sensor) if by_sensor else smoothed(telemetry, status or "")
+    for name in unseen:
+        switch, told = model.switches[name], f"{PIN}{name}, status"
+        if switch.measured_by is None or name in fast:
+            series[told] = _likely_on(switch, _temperature(scenario, telemetry, channel_of[switch.sensor]))
+        else:
+            series[told] = smoothed(telemetry, switch.measured_by)
         channels[told] = Channel(column=told, kind="status")
         heaters[name] = switch.model_copy(update={"measured_by": told})
-        for node in sorted(heated):
+        for node in sorted({own.node for own in model.on_switch(name).values()}):
             channel, capacity = f"{PIN}{node}", model.nodes[node].capacity
             if channel in nodes or capacity is None:
                 continue
@@ -74,6 +67,25 @@ def pinned(
     read = scenario.telemetry.model_copy(update={"channels": channels})
     held = scenario.model_copy(update={"simulator": model.model_copy(update=update), "telemetry": read})
     return held, telemetry.assign({name: ("time", own, _ANY_GAP) for name, own in series.items()})
+
+
+def _channels(scenario: Scenario) -> dict[str, str]:
+    """Of each node that is read, a channel that reads it."""
+    return {own.node: channel for channel, own in scenario.observations.items() if own.node is not None}
+
+
+def _unseen(
+    scenario: Scenario, telemetry: xarray.Dataset, span: tuple[np.datetime64, np.datetime64], fast: Collection[str]
+) -> Iterator[str]:
+    """Heaters that switch more often than telemetry shows, and whose nodes can be held: see `pinned`."""
+    model, channel_of, inside = scenario.network, _channels(scenario), telemetry.sel(time=slice(*span))
+    for name, switch in model.switches.items():
+        status, places = switch.measured_by, {switch.sensor, *(own.node for own in model.on_switch(name).values())}
+        unseen = name in fast or (status is not None and is_blurred(telemetry, status))
+        if not unseen or not places <= set(channel_of):
+            continue
+        if all(_gaps(inside, channel_of[node]) <= _MOST_GAPS for node in places):
+            yield name
 
 
 def _gaps(telemetry: xarray.Dataset, channel: str) -> float:
