@@ -112,3 +112,16 @@ def test_steps_that_no_number_of_them_makes_exact_are_told(tmp_path: Path):
     told = run(app, ["lint", str(tmp_path / "scenario.yaml")]).output
     assert "advice: window train: " in told
     assert "leave an error of 0." in told
+
+
+@pytest.mark.parametrize(("samples", "told"), [(1, True), (20, False)])
+def test_a_heater_that_switches_more_often_than_it_is_sampled_is_told(tmp_path: Path, samples: int, told: bool):
+    """Its state lasts for so many samples."""
+    written = small.content()
+    del written["heat"]
+    small.load(tmp_path, written, columns={"heater": np.arange(421) // samples % 2})
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    assert (
+        "advice: simulator.heaters.heater: it switches more often than the telemetry shows" in result.output
+    ) == told

@@ -32,6 +32,12 @@ def test_what_hardly_switches_is_not(values):
     assert not is_blurred(sampled(values), "x")
 
 
+def test_a_status_that_is_wrong_now_and_then_is_not():
+    status = cycling(1900.0, 1900.0)
+    status["x"][np.random.default_rng(0).choice(400, 12, replace=False)] = 0.0
+    assert not is_blurred(status, "x")
+
+
 def test_a_line_is_smoothed_to_itself_and_gaps_are_bridged():
     values = np.arange(30.0)
     values[11:14] = np.nan

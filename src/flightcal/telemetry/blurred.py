@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 _LEAST = 8
 """Spells of a state, which tell how long it lasts."""
+_OFTEN = 0.08
+"""Share of its samples at which it changes: single samples that are wrong now and then are fewer."""
 _SINGLE, _MANY_SINGLE, _CHANCE = 0.6, 0.4, 0.85
 """Share of spells that one sample alone shows, from which others are missed; and that from which they are where the
 status changes from sample to sample by so much of what chance would have."""
@@ -30,7 +32,8 @@ def is_blurred(dataset: xr.Dataset, channel: str) -> bool:
     by_chance = 2.0 * share * (1.0 - share) * (len(on) - 1)
     needed = _MANY_SINGLE if len(edges) >= _CHANCE * by_chance else _SINGLE
     spells = [lengths[state], lengths[~state]]
-    return any(len(own) >= _LEAST and (own == 1).mean() >= needed for own in spells)
+    often = len(edges) >= _OFTEN * len(on)
+    return often and any(len(own) >= _LEAST and (own == 1).mean() >= needed for own in spells)
 
 
 def smoothed(dataset: xr.Dataset, channel: str) -> NDArray[np.float64]:
