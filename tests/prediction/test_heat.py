@@ -308,9 +308,13 @@ def test_a_thermostat_is_expected_to_scatter_as_readings_of_its_thermistor_do(ca
 
 def test_a_prediction_tells_how_far_above_its_thresholds_a_heater_switches(case):
     *_, drawn = case
-    told = predicted(case, "test.later")["threshold_offset"]
-    np.testing.assert_allclose(told.values[:, 0], drawn.thresholds.offsets.mean(axis=0)[:, 0])
+    prediction, offsets = predicted(case, "test.later"), drawn.thresholds.offsets[:, :, 0]
+    told, least = prediction["threshold_offset"], prediction["least_threshold_offset"]
+    np.testing.assert_allclose(told.values[:, 0], offsets.mean(axis=0))
     assert told["direction"].values.tolist() == ["on", "off"]
+    for mean, bound, own in zip(told.values[:, 0], least.values[:, 0], offsets.T, strict=True):
+        assert abs(bound) < abs(mean)
+        assert bound == 0.0 or (np.sign(mean) * own >= abs(bound)).mean() == pytest.approx(0.95, abs=0.01)
 
 
 def test_without_heaters_there_are_no_thresholds(tmp_path_factory):

@@ -367,11 +367,14 @@ def test_noise_that_lasts_for_longer_than_its_prior_says_is_a_caution_where_ther
 def test_a_heater_that_switches_beside_its_thresholds_is_told_by_how_much(run):
     """As where the channel of its sensor reads 2 K too high: temperatures are predicted as that reads."""
 
-    def switching(on, off):
+    def switching(on, off, known_to=0.2):
         offsets = np.zeros((2, run.windows["test"].sizes["heater"]))
         offsets[:, list(run.windows["test"]["heater"].values).index("battery_heater")] = on, off
+        least = np.sign(offsets) * np.maximum(np.abs(offsets) - known_to, 0.0)
+        of = ("direction", "heater")
         windows = {
-            name: own.assign(threshold_offset=(("direction", "heater"), offsets)) for name, own in run.windows.items()
+            name: own.assign(threshold_offset=(of, offsets), least_threshold_offset=(of, least))
+            for name, own in run.windows.items()
         }
         return dataclasses.replace(run, windows=windows)
 
@@ -381,6 +384,8 @@ def test_a_heater_that_switches_beside_its_thresholds_is_told_by_how_much(run):
     # One that has a wider band is beside neither.
     for right in ((0.4, 0.3), (-1.4, 1.2)):
         assert not [title for title in findings(switching(*right)) if "its thresholds" in title]
+    # A sensor that changes by kelvins between samples does not tell.
+    assert not [title for title in findings(switching(1.0, 1.1, known_to=1.2)) if "its thresholds" in title]
 
 
 def test_a_channel_that_does_not_hold_is_told_with_its_mean_error(run):

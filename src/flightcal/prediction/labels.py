@@ -37,6 +37,7 @@ LABELS: Final[dict[str, tuple[str, str]]] = {
     "lasting": ("1", "largest distance from the mean that lasts for five minutes or more, in standard deviations"),
     "replicated_lasting": ("1", "the same for draws of the prediction in the place of the telemetry"),
     "threshold_offset": ("K", "how far above its threshold the heater switches, as its status shows"),
+    "least_threshold_offset": ("K", "the same, of which 95% of the draws have more"),
     "noise": ("", "noise that is assumed"),
     "discrepant": ("", "whether a discrepancy is assumed"),
     "innovation": ("1", "residual without what is expected from the one before, in its deviations"),

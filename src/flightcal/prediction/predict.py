@@ -90,9 +90,11 @@ def predict(
     replicated = replicate(seconds, window.observed, scored, ensemble.draws, settings.interval)
     prediction = prediction.merge(replicated.dataset())
     if heated is not None and heated.thresholds is not None:
-        offset = heated.thresholds.offsets.mean(axis=0)
+        offset, least = heated.thresholds.told
         prediction = prediction.assign_coords(direction=["on", "off"])
-        prediction = prediction.assign(threshold_offset=(("direction", "heater"), offset))
+        prediction = prediction.assign(
+            threshold_offset=(("direction", "heater"), offset), least_threshold_offset=(("direction", "heater"), least)
+        )
     if errors is not None:
         fitted = ensemble.mean if heated is None or heated.fitted is None else heated.fitted
         prediction = prediction.assign(_residual_model(window, errors, ensemble, fitted, rng))

@@ -47,6 +47,15 @@ class Thresholds:
     scatter: FloatArray
     """[S, 2, H] standard deviation from switch to switch."""
 
+    @property
+    def told(self) -> tuple[FloatArray, FloatArray]:
+        """[2, H] mean offsets, and how far off zero on that side 95% of them are at least.
+
+        Where a sensor changes by kelvins between two samples, nobody knows at which temperature its heater switches.
+        """
+        mean, (low, high) = self.offsets.mean(axis=0), np.quantile(self.offsets, (0.05, 0.95), axis=0)
+        return mean, np.where(mean > 0.0, np.maximum(low, 0.0), np.minimum(high, 0.0))
+
 
 @dataclass(frozen=True)
 class _Switches:

@@ -38,6 +38,8 @@ _GUESSED, _BENDS = 4.0, 0.5
 _MEMORY = ".correlation_time"
 _BESIDE_THRESHOLDS = 1.0
 """K, by which a heater switches beside its thresholds, on and off alike, from which it is worth a word."""
+_SURELY = 0.3
+"""K, by which it does at least, on and off."""
 FAR_OFF = 1e-6
 """The probability below which a model is called wrong."""
 
@@ -176,13 +178,18 @@ def _acts_on(info: ParameterInfo, nodes: Collection[str], simulator: Mapping[str
 
 def thresholds(run: RunFiles) -> list[Finding]:
     """Heaters that switch at other temperatures than the scenario says, by what their sensors' channels read."""
-    known = next((own["threshold_offset"] for own in run.windows.values() if "threshold_offset" in own), None)
+    known = next((own for own in run.windows.values() if "least_threshold_offset" in own), None)
     if known is None:
         return []
     beside = {
         str(name): float(off.mean())
-        for name, off in zip(known["heater"].values, known.values.T, strict=True)
-        if abs(off.mean()) > _BESIDE_THRESHOLDS and off[0] * off[1] > 0.0
+        for name, off, least in zip(
+            known["heater"].values,
+            known["threshold_offset"].values.T,
+            known["least_threshold_offset"].values.T,
+            strict=True,
+        )
+        if abs(off.mean()) > _BESIDE_THRESHOLDS and off[0] * off[1] > 0.0 and np.abs(least).min() > _SURELY
     }
     if not beside:
         return []
