@@ -5,13 +5,17 @@ import pytest
 import xarray
 
 from flightcal.check import suspects
-from flightcal.problem import build_problem, pinned_heaters
-from flightcal.problem.pinned import PIN, fast_heaters, pinned
+from flightcal.problem import PIN, build_problem, fast_heaters, pinned, pinned_heaters, unseen_heaters
 from flightcal.simulator import open_loop
 from tests import small
 
 ALL = (np.datetime64("2024-03-01"), np.datetime64("2024-03-02"))
 THETA = {"link": 0.65, "panel_size": 1.1, "power": 28.0, "capacity": 300.0, "initial_panel": 262.0}
+
+
+def held(scenario, data):
+    """Scenario and telemetry with what can be held in all of it."""
+    return pinned(scenario, data, unseen_heaters(scenario, data, [ALL]))
 
 
 def fast():
@@ -91,19 +95,19 @@ def test_a_heater_without_a_status_is_known_by_what_it_would_do(told, tmp_path):
 
 def test_where_each_switch_is_seen_and_where_a_node_has_no_channel_nothing_is_held(told, tmp_path):
     scenario, data = small.closed_loop(tmp_path, small.content() | {"heat": {}})
-    assert pinned(open_loop(scenario), data, ALL)[1] is data
+    assert held(open_loop(scenario), data)[1] is data
     scenario, data = told
     observations = {name: own for name, own in scenario.observations.items() if own.node != "body"}
-    assert pinned(open_loop(scenario.model_copy(update={"observations": observations})), data, ALL)[1] is data
+    assert held(open_loop(scenario.model_copy(update={"observations": observations})), data)[1] is data
 
 
 def test_a_channel_with_errors_holds_its_node_where_the_node_is(told):
     scenario, data = told
     item = scenario.observations["body_temp"].model_copy(update={"bias": 2.0, "gain": 1.1})
     erring = scenario.model_copy(update={"observations": {**scenario.observations, "body_temp": item}})
-    _, right = pinned(open_loop(scenario), data, ALL)
+    _, right = held(open_loop(scenario), data)
     read = 1.1 * (data["body_temp"] - 273.15) + 273.15 + 2.0
-    _, found = pinned(open_loop(erring), data.assign(body_temp=read), ALL)
+    _, found = held(open_loop(erring), data.assign(body_temp=read))
     np.testing.assert_allclose(found[f"{PIN}body"], right[f"{PIN}body"], atol=1e-9)
 
 
@@ -111,8 +115,31 @@ def test_a_node_without_telemetry_for_long_is_not_held(told):
     scenario, data = told
     heard = np.arange(data.sizes["time"]) % 100 < 40
     seldom = data.assign(body_temp=data["body_temp"].where(xarray.DataArray(heard, dims="time")))
-    assert pinned(open_loop(scenario), data, ALL)[1] is not data
-    assert pinned(open_loop(scenario), seldom, ALL)[1] is seldom
+    assert held(open_loop(scenario), data)[1] is not data
+    assert held(open_loop(scenario), seldom)[1] is seldom
     few = np.arange(data.sizes["time"]) % 100 > 5
     gaps = data.assign(body_temp=data["body_temp"].where(xarray.DataArray(few, dims="time")))
     assert pinned_heaters(opened(build_problem(scenario, gaps)).scenario) == ("heater",)
+
+
+def test_what_cannot_be_held_in_one_window_is_held_in_none(tmp_path):
+    """So the numbers of all windows are in the same places."""
+    written = fast()
+    hour = "2024-03-01T0{}:00:00".format
+    written["windows"] = {
+        "train": {"first": {"start": hour(0), "end": hour(2)}, "second": {"start": hour(3), "end": hour(5)}}
+    }
+    scenario, data = small.closed_loop(tmp_path, written, **THETA)
+    heard = (data["time"] < data["time"][150]) | (np.arange(data.sizes["time"]) % 50 < 20)
+    both, one = (build_problem(scenario, own) for own in (data, data.assign(body_temp=data["body_temp"].where(heard))))
+    assert [pinned_heaters(window.scenario) for window in both.open_loop.windows] == [("heater",)] * 2
+    assert [pinned_heaters(window.scenario) for window in one.open_loop.windows] == [()] * 2
+    paths = [window.network.network.paths for window in both.open_loop.windows]
+    assert paths[0] == paths[1]
+
+
+def test_what_holds_a_node_is_no_number_of_the_scenario(told):
+    window = opened(build_problem(*told))
+    paths = window.network.network.paths
+    assert any(PIN in path for path in paths)
+    assert not any(PIN in paths[k] for k in window.sizes)

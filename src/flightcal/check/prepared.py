@@ -11,7 +11,7 @@ import numpy as np
 import xarray
 
 from ..environment import orbital_period
-from ..problem import build_window, fast_heaters, pinned, problem_of
+from ..problem import build_window, fast_heaters, pinned, problem_of, unseen_heaters
 from ..scenario import (
     Channel,
     Conductor,
@@ -85,11 +85,11 @@ def _held(scenario: Scenario, telemetry: xarray.Dataset, window: str) -> tuple[S
         name: own.model_copy(update={"measured_by": own.measured_by or observing.get(name)})
         for name, own in model.switches.items()
     }
-    told = model.model_copy(update={"heaters": {**model.heaters, **heaters}})
+    told = scenario.model_copy(update={"simulator": model.model_copy(update={"heaters": {**model.heaters, **heaters}})})
     silent = any(own.measured_by is None for own in heaters.values())
     fast = fast_heaters([build_window(scenario, telemetry, window)]) if silent else ()
     span = window_bounds(scenario.windows[window], orbital_period(scenario.environment, scenario.folder))
-    return pinned(scenario.model_copy(update={"simulator": told}), telemetry, span, fast)
+    return pinned(told, telemetry, unseen_heaters(told, telemetry, [span], fast), fast)
 
 
 def _heat(scenario: Scenario) -> Heat:

@@ -173,14 +173,12 @@ def _of_observations(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
 
 def _of_heaters(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) -> Iterator[str]:
     """Of heaters that switch more often than telemetry shows."""
-    from ..problem import fast_heaters, pinned, pinned_heaters
+    from ..problem import fast_heaters, unseen_heaters
     from ..scenario import SimulatorModel, heat_of
 
     if not isinstance(scenario.simulator, SimulatorModel) or heat_of(scenario) is None:
         return
-    fast = fast_heaters(trained)
-    held = [pinned(scenario, data, window.span, fast)[0] for window in trained]
-    for name in dict.fromkeys(name for own in held for name in pinned_heaters(own)):
+    for name in unseen_heaters(scenario, data, [window.span for window in trained], fast_heaters(trained)):
         node = scenario.network.heaters[name].node
         yield (
             f"simulator.heaters.{name}: it switches more often than the telemetry shows, so in training {node} is held "

@@ -169,14 +169,13 @@ def _cycling(simulator: NetworkSimulator, heater: int, seconds: FloatArray) -> N
 
 
 def _log_of_middle(beyond: FloatArray) -> FloatArray:
-    """Of offsets and scatters [o, c], of a sensor that is so many K [T] above the middle of its thresholds.
+    """Of offsets [o, 1], whatever the scatter, of a sensor that is so many K [T] above the middle of its thresholds.
 
     Where a heater switches more often than its status is sampled, a drawn sensor is there on average.
     """
     if not len(beyond):
-        return np.zeros((len(_OFFSETS), len(_SCATTERS)))
-    of_offsets = -0.5 * ((float(beyond.mean()) - _OFFSETS) / _MIDDLE) ** 2
-    return np.repeat(of_offsets[:, None], len(_SCATTERS), axis=1)
+        return np.zeros((len(_OFFSETS), 1))
+    return np.asarray(-0.5 * ((beyond.mean() - _OFFSETS) / _MIDDLE) ** 2)[:, None]
 
 
 def _switches(window: Window, heater: int, shifts: FloatArray, *, on: bool) -> _Switches:

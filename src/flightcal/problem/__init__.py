@@ -37,7 +37,7 @@ from .heat_units import (
 )
 from .held import held_by, hold, with_other
 from .native import STOPPED, NativeDensity
-from .pinned import PIN, fast_heaters, pinned, pinned_heaters, pinned_nodes
+from .pinned import fast_heaters, pinned, pinned_heaters, pinned_nodes, unseen_heaters
 from .problem import Problem, Runs
 from .synthetic import simulate_telemetry, with_drawn_heat, with_telemetry
-from .window import Window
+from .window import PIN, Window

@@ -35,7 +35,7 @@ from ..telemetry import (
     window_bounds,
 )
 from .entries import entries_of
-from .pinned import fast_heaters, pinned, pinned_heaters
+from .pinned import fast_heaters, pinned, pinned_heaters, unseen_heaters
 from .problem import Problem
 from .simulators import build_simulator
 from .window import Bridged, Change, Course, Switching, Window
@@ -75,10 +75,12 @@ def open_windows(
 
     Nodes of those that switch more often than that shows are held by their own telemetry: see `pinned`.
     """
-    if not all(_can_be_opened(window.scenario, telemetry) for window in windows):
+    if not windows or not all(_can_be_opened(window.scenario, telemetry) for window in windows):
         return ()
     fast = fast_heaters(windows)
-    made = [(pinned(open_loop(window.scenario), telemetry, window.span, fast), window.name) for window in windows]
+    scenario = windows[0].scenario
+    unseen = unseen_heaters(scenario, telemetry, [window.span for window in windows], fast)
+    made = [(pinned(open_loop(window.scenario), telemetry, unseen, fast), window.name) for window in windows]
     return tuple(build_window(*driven, name, span=span) for driven, name in made)
 
 

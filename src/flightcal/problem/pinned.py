@@ -6,7 +6,7 @@ So the telemetry of the node says nothing of these numbers, and all that its nei
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,8 @@ from ..probability import Priors
 from ..scenario import Channel, Conductor, Heater, Node, Scenario, SimulatorModel
 from ..simulator import ICE_POINT, FloatArray, SimulationFailure
 from ..telemetry import SHORT_GAP, is_blurred, smoothed
-from .window import Window
+from .window import PIN, Window
 
-PIN = "telemetry of "
-"""Begins the names of what is made here: boundaries that pinned nodes are linked to, and their channels."""
 _AT_ONCE = 0.5
 """s, in which a node follows its telemetry."""
 _MOST_GAPS = 0.1
@@ -31,18 +29,13 @@ _FAST = 3.0
 
 
 def pinned(
-    scenario: Scenario,
-    telemetry: xarray.Dataset,
-    span: tuple[np.datetime64, np.datetime64],
-    fast: Collection[str] = (),
+    scenario: Scenario, telemetry: xarray.Dataset, unseen: Iterable[str], fast: Collection[str] = ()
 ) -> tuple[Scenario, xarray.Dataset]:
-    """A scenario in open loop in which measured temperatures hold some nodes in a span, and telemetry that has them.
+    """A scenario in open loop in which measured temperatures hold some nodes, and telemetry that has them.
 
-    They are those of heaters that switch more often than their status is sampled, and of `fast`, which have none and
-    switch as often. A heater's node can be held where channels observe it and the sensor, with few gaps.
+    unseen: heaters of these nodes, see `unseen_heaters`; fast: those of them that have no measured status.
     """
     model, channel_of = scenario.network, _channels(scenario)
-    unseen = _unseen(scenario, telemetry, span, fast) if model.reduced_model is None else ()
     heaters, nodes, series = dict(model.heaters), dict(model.nodes), dict[str, FloatArray]()
     channels, conductors = dict(scenario.telemetry.channels), list[Conductor]()
     for name in unseen:
@@ -74,18 +67,28 @@ def _channels(scenario: Scenario) -> dict[str, str]:
     return {own.node: channel for channel, own in scenario.observations.items() if own.node is not None}
 
 
-def _unseen(
-    scenario: Scenario, telemetry: xarray.Dataset, span: tuple[np.datetime64, np.datetime64], fast: Collection[str]
-) -> Iterator[str]:
-    """Heaters that switch more often than telemetry shows, and whose nodes can be held: see `pinned`."""
-    model, channel_of, inside = scenario.network, _channels(scenario), telemetry.sel(time=slice(*span))
+def unseen_heaters(
+    scenario: Scenario,
+    telemetry: xarray.Dataset,
+    spans: Sequence[tuple[np.datetime64, np.datetime64]],
+    fast: Collection[str] = (),
+) -> tuple[str, ...]:
+    """Heaters that switch more often than telemetry shows, and whose nodes can be held in all spans of time.
+
+    They are those that switch more often than their status is sampled, and of `fast`, which have none and switch as
+    often. A heater's node can be held where channels observe it and the sensor, with few gaps; of a reduced model none.
+    """
+    model, channel_of = scenario.network, _channels(scenario)
+    if model.reduced_model is not None:
+        return ()
+    inside, found = [telemetry.sel(time=slice(*span)) for span in spans], []
     for name, switch in model.switches.items():
         status, places = switch.measured_by, {switch.sensor, *(own.node for own in model.on_switch(name).values())}
         unseen = name in fast or (status is not None and is_blurred(telemetry, status))
-        if not unseen or not places <= set(channel_of):
-            continue
-        if all(_gaps(inside, channel_of[node]) <= _MOST_GAPS for node in places):
-            yield name
+        if unseen and places <= set(channel_of):
+            gaps = (_gaps(window, channel_of[node]) for window in inside for node in places)
+            found += [name] if all(share <= _MOST_GAPS for share in gaps) else []
+    return tuple(found)
 
 
 def _gaps(telemetry: xarray.Dataset, channel: str) -> float:

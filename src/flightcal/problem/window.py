@@ -39,6 +39,8 @@ from ..telemetry import window_bounds
 _DIFFERENCE = 1e-4
 """Of a coordinate, whose prior has a standard deviation of about one."""
 _BLOCKS = ("nodes", "conductors", "faces", "environment", "modes", "heaters", "loads")
+PIN = "telemetry of "
+"""Begins the names of what holds nodes at their telemetry, which no scenario has: see `pinned.py`."""
 _NO_SIZES = ("boundary", "on_below", "off_above")
 """Numbers in these that are temperatures."""
 
@@ -515,4 +517,4 @@ class Window:
 
 def _is_size(path: str) -> bool:
     first, *_, last = path.split(".")
-    return first in _BLOCKS and last not in _NO_SIZES and "attitude_offset" not in path
+    return first in _BLOCKS and last not in _NO_SIZES and "attitude_offset" not in path and PIN not in path

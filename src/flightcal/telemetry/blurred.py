@@ -6,6 +6,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from .drivers import valid_samples
+
 _LEAST = 8
 """Spells of a state, which tell how long it lasts."""
 _OFTEN = 0.08
@@ -37,12 +39,12 @@ def is_blurred(dataset: xr.Dataset, channel: str) -> bool:
 
 
 def smoothed(dataset: xr.Dataset, channel: str) -> NDArray[np.float64]:
-    """[T] each valid sample of a channel as a mean of it and its neighbours, linear in between; ends go on."""
-    values = dataset[channel].to_numpy()
-    seconds = dataset["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
-    valid = np.isfinite(values)
-    own, at = values[valid], seconds[valid]
-    reach = 0.5 * len(_AROUND) * float(np.median(np.diff(at)))
+    """[T] each valid sample of a channel as a mean of it and its neighbours, linear in between; ends go on.
+
+    Raises TelemetryError where none is valid.
+    """
+    at, own, interval = valid_samples(dataset, channel)
+    reach = 0.5 * len(_AROUND) * interval
     total, weights = np.zeros(len(own)), np.zeros(len(own))
     for away, weight in zip(range(-(len(_AROUND) // 2), len(_AROUND) // 2 + 1), _AROUND, strict=True):
         place = np.arange(len(own)) + away
@@ -50,4 +52,5 @@ def smoothed(dataset: xr.Dataset, channel: str) -> NDArray[np.float64]:
         near = weight * ((place == inside) & (np.abs(at[inside] - at) < reach))
         total += near * own[inside]
         weights += near
+    seconds = dataset["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
     return np.interp(seconds, at, total / weights)

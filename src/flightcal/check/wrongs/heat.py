@@ -43,13 +43,18 @@ _HEATED = 3.0
 def modes(view: View) -> Iterator[Wrong]:
     """A mode lacks power in a node, or the timeline is not of this flight."""
     model, centre = view.window.scenario.network, view.middle
+    always = {node: _common(view, node) for node in view.heat.nodes}
+    in_common: dict[str, FloatArray] = {}
     for mode, powers in model.modes.items():
         column = view.network.network.columns.index(f"mode.{mode}")
         active = view.network.drive.inputs[:, :, column].reshape(1, -1)
         if active.min() == active.max():
             continue
         responses = {node: view.response(view.window, centre, node, active) for node in view.heat.nodes}
-        yield from _mode_elsewhere(view, mode, responses)
+        if any(always.values()) and not in_common:
+            steady = np.ones_like(active)
+            in_common = {node: view.response(view.window, centre, node, steady) for node in view.heat.nodes}
+        yield from _mode_elsewhere(view, mode, responses, always, in_common)
         for node in view.heat.nodes:
             written = powers.get(node, 0.0)
             flow = flow_through(view, node)
@@ -64,7 +69,7 @@ def modes(view: View) -> Iterator[Wrong]:
                     f"Check 'modes: {mode}: {node}', and that the timeline is of this flight",
                 )
 
-            least = max(0.5 * abs(written - _common(view, node)), 0.15 * flow) / size
+            least = max(0.5 * abs(written - always[node]), 0.15 * flow) / size
             yield Wrong("mode", mode, words, columns=effect, least=least, tries=len(model.modes) * len(view.heat.nodes))
     if len({change.mode for change in model.timeline}) < 2:
         return
@@ -83,12 +88,18 @@ def _common(view: View, node: str) -> float:
     return min((own.get(node, 0.0) for own in view.window.scenario.network.modes.values()), default=0.0)
 
 
-def _mode_elsewhere(view: View, mode: str, responses: Mapping[str, FloatArray]) -> Iterator[Wrong]:
-    """What a mode has more than others in a node is dissipated in another; responses: by node, to 1 W in the mode."""
+def _mode_elsewhere(
+    view: View,
+    mode: str,
+    responses: Mapping[str, FloatArray],
+    always: Mapping[str, float],
+    in_common: Mapping[str, FloatArray],
+) -> Iterator[Wrong]:
+    """What a mode has more than others in a node is dissipated in another, alone or with what all have in common.
+
+    By node: responses to 1 W in the mode, what all modes have there, W, and `in_common` to 1 W all the time.
+    """
     modes, nodes = view.window.scenario.network.modes, view.heat.nodes
-    always = {node: _common(view, node) for node in nodes}
-    steady = np.ones((1, 2 * (len(view.network.drive.times) - 1)))
-    in_common = {node: view.response(view.window, view.middle, node, steady) for node in nodes if any(always.values())}
     for node, other in permutations(nodes, 2):
         power = modes[mode].get(node, 0.0) - always[node]
         if power <= 0.0:

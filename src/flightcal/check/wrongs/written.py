@@ -88,10 +88,7 @@ def _fixed_numbers(view: View) -> list[int]:
     return [
         k
         for k in view.window.sizes
-        if k not in moved
-        and paths[k].partition(".")[0] in _BLOCKS
-        and mapping.written[k] > _NONE
-        and PIN not in paths[k]
+        if k not in moved and paths[k].partition(".")[0] in _BLOCKS and mapping.written[k] > _NONE
     ]
 
 
