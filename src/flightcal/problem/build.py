@@ -35,7 +35,7 @@ from ..telemetry import (
     window_bounds,
 )
 from .entries import entries_of
-from .pinned import fast_heaters, pinned, pinned_heaters, unseen_heaters
+from .pinned import fast_heaters, pinned, pinned_heaters, unseen_heaters, without_first_samples
 from .problem import Problem
 from .simulators import build_simulator
 from .window import Bridged, Change, Course, Switching, Window
@@ -112,7 +112,9 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         state = scenario.initial_state
         later = state.model_copy(update={"unobserved": max(state.unobserved, _LATER)})
         told = scenario.model_copy(update={"initial_state": later})
-    initial = initial_priors(told, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
+    since = (times - start) / np.timedelta64(1, "ns") * 1e-9
+    initial = initial_priors(told, channels, since, observed)
+    observed = without_first_samples(scenario, channels, since, observed)
     reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
     known = reads | initial
 

@@ -13,13 +13,15 @@ import numpy as np
 import xarray
 
 from ..probability import Priors
-from ..scenario import Channel, Conductor, Heater, Node, Scenario, SimulatorModel
+from ..scenario import Channel, Conductor, Heater, Node, Scenario, SimulatorModel, time_error_of
 from ..simulator import ICE_POINT, FloatArray, SimulationFailure
 from ..telemetry import SHORT_GAP, is_blurred, smoothed
 from .window import PIN, Window
 
 _AT_ONCE = 0.5
 """s, in which a node follows its telemetry."""
+_AT_START = 5.0
+"""Times this, and the deviation of the time tags' common error, after which it has followed."""
 _MOST_GAPS = 0.1
 """Share of the time in which a node that is held may have no telemetry: a line is drawn through it,"""
 _ANY_GAP = {"longest_gap_s": np.inf}
@@ -111,6 +113,20 @@ def pinned_nodes(scenario: Scenario) -> set[str]:
     model = scenario.simulator
     names = model.nodes if isinstance(model, SimulatorModel) else ()
     return {name.removeprefix(PIN) for name in names if name.startswith(PIN)}
+
+
+def without_first_samples(
+    scenario: Scenario, channels: Sequence[str], seconds: FloatArray, observed: FloatArray
+) -> FloatArray:
+    """Samples [T, N] of channels at seconds [T] since a window's start, less the first ones of nodes that are held.
+
+    From wherever such a node begins it goes to its telemetry at once, by kelvins in a second. A sample just there makes
+    much of how late time tags are.
+    """
+    held = pinned_nodes(scenario)
+    within = _AT_START * (_AT_ONCE + (time_error_of(scenario) or 0.0))
+    of_held = [scenario.observations[channel].node in held for channel in channels]
+    return np.where(np.outer(seconds < within, of_held), np.nan, observed)
 
 
 def _temperature(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> FloatArray:
