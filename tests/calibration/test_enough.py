@@ -94,7 +94,7 @@ def test_what_more_draws_do_not_mend_is_left_as_it_is():
 
     def apart(draws):
         theta, judged = judge(draws)
-        return theta, replace(judged, gates=(*judged.gates, gate("divergences", False, "", "", "")))
+        return theta, replace(judged, gates=(*judged.gates, gate("E-BFMI", False, "", "", "")))
 
     sample_enough(sampler, PLAIN, SETTINGS, 3, apart, SILENT)
     assert len(asked) == 1
@@ -143,3 +143,48 @@ def test_an_interruption_before_the_first_draw_is_one():
 
     with pytest.raises(KeyboardInterrupt):
         sample_enough(nothing, PLAIN, SETTINGS, 3, lambda d: (d.z, Diagnostics((), (), False, "")), SILENT)
+
+
+def breaking(share, once):
+    """A sampler of which a share of the trajectories break off, only the first time if `once`, and what it is asked."""
+    asked, rng = [], np.random.default_rng(1)
+
+    def sampler(coordinates, settings, seed):
+        asked.append((settings, seed))
+        drawn = draws_of(rng.standard_normal((settings.chains, settings.draws, 2)))
+        if not (once and len(asked) > 1):
+            drawn.statistics["diverging"][:, : round(share * settings.draws)] = True
+        return drawn
+
+    return sampler, asked
+
+
+def test_where_trajectories_break_off_all_is_drawn_once_more_with_smaller_steps():
+    sampler, asked = breaking(0.05, once=True)
+    draws, theta, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, judge, SILENT)
+    (first, first_seed), (second, seed) = asked
+    assert (first.target_acceptance, second.target_acceptance) == pytest.approx((0.85, 0.95))
+    assert seed != first_seed
+    assert theta.shape == draws.z.shape == (2, 1000, 2)
+    assert not draws.statistics["diverging"].any()
+    assert draws.gradients == 2 * 10 * 1000
+    assert draws.warmup_gradients == 10 * 1000 + 10
+    assert judged.passed
+
+
+def test_where_they_break_off_again_that_is_told():
+    sampler, asked = breaking(0.05, once=False)
+    draws, _, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, judge, SILENT)
+    assert len(asked) == 2
+    assert draws.z.shape == (2, 1000, 2)
+    assert [own.name for own in judged.gates if not own.passed] == ["divergences"]
+
+
+def test_a_few_that_break_off_and_steps_that_are_small_already_are_left_alone():
+    sampler, asked = breaking(0.01, once=False)
+    assert sample_enough(sampler, PLAIN, SETTINGS, 3, judge, SILENT)[2].passed
+    assert len(asked) == 1
+    sampler, asked = breaking(0.05, once=False)
+    small_steps = SETTINGS.model_copy(update={"target_acceptance": 0.98})
+    assert not sample_enough(sampler, PLAIN, small_steps, 3, judge, SILENT)[2].passed
+    assert len(asked) == 1

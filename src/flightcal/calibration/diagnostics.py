@@ -35,6 +35,8 @@ _FEWEST_DIVERGENT = 8
 _TAIL = (0.05, 0.95)
 _CHANCE = 0.01
 """That chains which agree fail for their R-hat."""
+BROKEN_OFF = "divergences"
+"""The gate that judges how many trajectories broke off, and where."""
 LINEAR = "response to heat"
 """The gate that judges how heat was taken into account, not the chains."""
 EMULATOR_ERROR, HELD_OUT, EMULATED_DENSITY = (
@@ -262,7 +264,7 @@ def _divergence_gate(posterior: Mapping[str, FloatArray], diverging: FloatArray,
         f"{settings.target_acceptance:g}) towards 0.99, or narrow the priors to where the model works."
     )
     required = f"at most {100.0 * LARGEST_DIVERGENT_SHARE:g}%, scattered"
-    return gate("divergences", share <= LARGEST_DIVERGENT_SHARE and not crowded.any(), found, required, advice)
+    return gate(BROKEN_OFF, share <= LARGEST_DIVERGENT_SHARE and not crowded.any(), found, required, advice)
 
 
 def _crowd(
