@@ -434,3 +434,16 @@ def test_a_spike_in_another_window_is_named_too(tmp_path, name):
     values[at] += 40.0
     found = suspects(build_problem(scenario, data), data.assign(body_temp=("time", values)))
     assert [(own.kind, own.about) for own in found.found] == [("spike", "body_temp")]
+
+
+def test_where_nothing_else_explains_it_the_sensor_of_a_heater_without_a_status_is_in_another_unit(
+    tmp_path, monkeypatch
+):
+    """By what it reads the heater would never be on."""
+    _, data = small.closed_loop(tmp_path, small.content())
+    scenario, _ = small.load(tmp_path, silent(small.content()))
+    for module in ("white_box", "suspicion"):
+        monkeypatch.setattr(sys.modules[f"flightcal.check.{module}"], "CLEAR", 1e6)
+    celsius = data["body_temp"].to_numpy() - 273.15
+    (own,) = named(scenario, spoilt(data, body_temp=1.8 * celsius + 32.0 + 273.15))
+    assert own.title == "body_temp is in degF, and is read as degC"

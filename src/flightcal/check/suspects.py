@@ -19,6 +19,7 @@ from ..errors import FlightcalError, TelemetryError
 from ..problem import Problem, Window, build_problem
 from ..progress import SILENT, Progress
 from ..run import Run, Stage, plain, read_json, typed
+from ..scenario import Scenario
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import select_window
 from .black_box import Ensemble, compared_by_runs, ensemble_of, no_temperatures, told_by_status
@@ -33,6 +34,7 @@ from .suspicion import BAD, CLEAR, NOT_IMITATED, Suspects, Suspicion, nothing_si
 from .thermostat import copied, disobeyed, exchanged, unfollowed
 from .view import View
 from .white_box import OF_THERMOSTATS, compared
+from .wrongs import in_other_units
 
 SUSPECTS_FILE = "suspects.json"
 _RUN_ONLY = "the simulator is no thermal network, or a reduced one: it is run, and not looked into"
@@ -81,7 +83,13 @@ def suspects(
         return _beside_runs(replace(ensemble, telemetry=_known(telemetry, window.times, seen)), found)
     if view is None:
         return Suspects(tuple(found), False, why_not)
-    return _beside_a_network(replace(view, telemetry=_known(view.telemetry, window.times, seen)), found, progress)
+    known = replace(view, telemetry=_known(view.telemetry, window.times, seen))
+    judged = _beside_a_network(known, found, progress)
+    misread = None if judged.misfit is None else _misread(problem.scenario, telemetry, judged.misfit.channel)
+    if misread is None:
+        return judged
+    by_themselves = (own for own in judged.found if own.nats is None)
+    return replace(judged, found=(misread, *by_themselves), misfit=None)
 
 
 def _seen(
@@ -189,6 +197,26 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
         # Times that are wrong make spikes of what changes fast.
         every.sort(key=lambda own: own.kind == "spike")
     return Suspects(tuple(every), True, "", where)
+
+
+def _misread(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> Suspicion | None:
+    """What is said where another unit of a silent heater's sensor explains all, the usual ones first; None: none does.
+
+    By its readings as they are such a heater was never on, or always, so that `units` does not find it.
+    """
+    silent = [own.sensor for own in scenario.network.switches.values() if own.measured_by is None]
+    if scenario.observations[channel].node not in silent:
+        return None
+    for read, words in in_other_units(channel, telemetry[channel].to_numpy()):
+        try:
+            view = prepared(scenario, telemetry.assign({channel: ("time", read)}))
+            assert view is not None
+            fit = climbed(view, view.window, view.observed, view.point(view.window, view.middle))
+        except (FlightcalError, SimulationFailure):
+            continue
+        if fit.is_usual:
+            return Suspicion("unit", channel, *astuple(words))
+    return None
 
 
 def _tried(view: View, odd: Sequence[str], progress: Progress) -> tuple[Fit, list[tuple[Fit, Suspicion]]]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightcal.check.prepared import prepared
-from flightcal.check.wrongs.orbit import epochs, orbits
+from flightcal.check.wrongs.orbit import epochs, misread_angles, orbits
 from tests import small
 
 from ..cases import boxed, named, pointed, spoilt, sunlit
@@ -173,3 +173,31 @@ def test_two_line_elements_of_another_orbit_are_named_by_what_differs(tmp_path, 
 def checked(line):
     """A line of two-line elements with the checksum that it should have."""
     return line[:68] + str(sum(int(own) if own.isdigit() else own == "-" for own in line[:68]) % 10)
+
+
+def test_angles_of_an_orbit_that_are_exchanged_or_of_another_kind_are_tried(tmp_path):
+    written = boxed()
+    elements = {"semi_major_axis": "13000 km", "eccentricity": 0.4, "inclination": "60 deg"}
+    _, data = flown_on_an_ellipse(tmp_path, written, **elements, argument_of_perigee="200 deg", mean_anomaly="20 deg")
+    view = prepared(small.load(tmp_path, written)[0], data)
+    tried = {own.words.title: own.words.sentence for own in misread_angles(view)}
+    assert (
+        "With raan: 200 deg and argument_of_perigee: 340 deg"
+        in tried["raan and argument_of_perigee of the orbit are exchanged"]
+    )
+    # No inclination is beyond 180 deg.
+    assert "inclination and raan of the orbit are exchanged" not in tried
+    # By Kepler's equation, in numbers: tan(E / 2) = sqrt(0.6 / 1.4) tan(10 deg), M = E - 0.4 sin E.
+    assert "mean_anomaly: 7.948 deg," in tried["The mean_anomaly of the orbit is its true anomaly"]
+
+
+@pytest.mark.slow
+def test_angles_of_an_orbit_that_are_exchanged_are_named(tmp_path):
+    written = boxed()
+    elements = {"semi_major_axis": "13000 km", "eccentricity": 0.4, "inclination": "60 deg"}
+    orbit, data = flown_on_an_ellipse(
+        tmp_path, written, **elements, argument_of_perigee="200 deg", mean_anomaly="20 deg"
+    )
+    orbit["raan"], orbit["argument_of_perigee"] = orbit["argument_of_perigee"], orbit["raan"]
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "raan and argument_of_perigee of the orbit are exchanged"

@@ -7,7 +7,7 @@ from ...simulator import SimulationFailure
 from ..comparison import Comparison
 from ..view import View
 from . import attitude, channels, clocks, drivers, faces, heat, heaters, lacking, orbit, slow, timeline, written
-from .channels import COLDEST, HOTTEST
+from .channels import COLDEST, HOTTEST, in_other_units
 from .clocks import clocks_as_read
 from .wrong import SHIFT, SHIFTS, Words, Wrong
 
@@ -37,5 +37,6 @@ __all__ = [
     "Wrong",
     "all_wrongs",
     "clocks_as_read",
+    "in_other_units",
     "wrongs_of_channels",
 ]

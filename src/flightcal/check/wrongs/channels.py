@@ -280,14 +280,25 @@ def units(view: Comparison) -> Iterator[Wrong]:
             if np.nanmin(read) < COLDEST or np.nanmax(read) > HOTTEST:
                 continue
             who = view.channels[chosen[0]] if len(chosen) == 1 else "every temperature"
-            words = Words(
-                f"{who} is {how}",
-                f"Converted, {who} goes from {_span(observed[:, chosen])} to {_span(read[:, chosen])}, as the model "
-                "has it.",
-                f"Correct 'unit' of {who} in 'telemetry: channels'",
-            )
+            words = _in_unit(who, how, observed[:, chosen], read[:, chosen])
             scale = Scale(factor, int(np.isfinite(read[:, chosen]).sum()))
             yield Wrong("unit", who, words, read, scale=scale, tries=len(_UNITS) * len(view.channels))
+
+
+def in_other_units(channel: str, read: FloatArray) -> Iterator[tuple[FloatArray, Words]]:
+    """Readings [T] K of a channel as they would be in another unit, the usual ones first, with words."""
+    for change, _, how in _UNITS.values():
+        changed = change(read)
+        if np.isfinite(read).any() and np.nanmin(changed) > COLDEST and np.nanmax(changed) < HOTTEST:
+            yield changed, _in_unit(channel, how, read, changed)
+
+
+def _in_unit(who: str, how: str, before: FloatArray, after: FloatArray) -> Words:
+    return Words(
+        f"{who} is {how}",
+        f"Converted, {who} goes from {_span(before)} to {_span(after)}, as the model has it.",
+        f"Correct 'unit' of {who} in 'telemetry: channels'",
+    )
 
 
 def _span(values: FloatArray) -> str:

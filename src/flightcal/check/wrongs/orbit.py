@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from datetime import timedelta
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from ...environment import orbital_period
+from ...report import listed
 from ...scenario import AttitudeTimeline, CircularOrbit, Earth, KeplerianOrbit, SampledAttitude, TleOrbit
 from ...simulator import FloatArray
 from ..view import View
@@ -46,6 +48,7 @@ _OF_LINE_2 = {
 """Columns of two-line elements, in which a number stands."""
 _BOUNDS = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}
 """rad, of angles that do not go round."""
+_ANGLES = ("inclination", "raan", "argument_of_perigee", "mean_anomaly", "argument_of_latitude")
 _EPOCHS = {
     "2 days earlier": -2.0, "1 day earlier": -1.0, "0.5 days earlier": -0.5, "0.5 days later": 0.5, "1 day later": 1.0,
     "2 days later": 2.0, "a year earlier": -365.0, "a year later": 365.0,
@@ -217,6 +220,41 @@ def epochs(view: View) -> Iterator[Wrong]:
         )
 
 
+def misread_angles(view: View) -> Iterator[Wrong]:
+    """Two angles of the orbit are each other's, or its mean anomaly is a true one."""
+    orbit = view.window.scenario.environment.orbit
+    if not isinstance(orbit, CircularOrbit | KeplerianOrbit) or not view.window.scenario.network.faces:
+        return
+    changed: list[tuple[str, str, dict[str, float]]] = []
+    for a, b in combinations([own for own in _ANGLES if getattr(orbit, own, None) is not None], 2):
+        changed.append((f"{a} and {b} of the orbit are exchanged", f"{a} and {b}", _exchanged(orbit, a, b)))
+    if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
+        mean = {"mean_anomaly": _mean_anomaly(orbit.mean_anomaly, orbit.eccentricity)}
+        changed.append(("The mean_anomaly of the orbit is its true anomaly", "mean_anomaly", mean))
+    for title, what, update in changed:
+        if not 0.0 < update.get("inclination", 1.0) < np.pi:
+            continue
+        texts = (f"{name}: {np.rad2deg(angle):.4g} deg" for name, angle in update.items())
+        words = Words(
+            title,
+            f"With {listed(list(texts))}, sunlight and eclipses are those of the telemetry.",
+            f"Check {what} in 'environment: orbit'",
+        )
+        scenario = elsewhere(view, orbit=orbit.model_copy(update=update))
+        yield from driven_otherwise("orbit", what, words, view, tries=len(changed), scenario=scenario)
+
+
+def _exchanged(orbit: CircularOrbit | KeplerianOrbit, a: str, b: str) -> dict[str, float]:
+    return {a: getattr(orbit, b), b: getattr(orbit, a)}
+
+
+def _mean_anomaly(true_anomaly: float, eccentricity: float) -> float:
+    """rad, by Kepler's equation."""
+    half = np.sqrt((1.0 - eccentricity) / (1.0 + eccentricity)) * np.tan(0.5 * true_anomaly)
+    eccentric = 2.0 * np.arctan(half)
+    return float((eccentric - eccentricity * np.sin(eccentric)) % (2.0 * np.pi))
+
+
 def _of_another_day(lines: Sequence[str], days: float) -> tuple[str, ...]:
     """Two-line elements whose epochs are so many days later; a year's end is not passed."""
     changed = list(lines)
@@ -258,5 +296,5 @@ def eclipses(view: View) -> Iterator[Wrong]:
     yield from driven_otherwise("eclipse", flag, words, view, tries=1.0, scenario=scenario)
 
 
-WRONGS = (orbits, epochs, places, eclipses)
+WRONGS = (orbits, epochs, misread_angles, places, eclipses)
 """What looks for them."""
