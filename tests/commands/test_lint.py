@@ -125,3 +125,16 @@ def test_a_heater_that_switches_more_often_than_it_is_sampled_is_told(tmp_path: 
     assert (
         "advice: simulator.heaters.heater: it switches more often than the telemetry shows" in result.output
     ) == told
+
+
+@pytest.mark.parametrize("heat", ["on", "none"])
+def test_a_likelihood_of_a_status_that_is_not_used_is_told(tmp_path: Path, heat: str):
+    written = small.content()
+    written["observations"]["heater_status"]["likelihood"] = {"switch_times": {}}
+    if heat == "on":
+        del written["heat"]
+    small.load(tmp_path, written)
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    told = "advice: observations.heater_status.likelihood: it is not used" in result.output
+    assert told == (heat == "on")

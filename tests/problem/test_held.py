@@ -55,6 +55,21 @@ def test_with_a_status_all_the_time_nothing_is_held(problem, centre):
     assert held_by(window, problem.at(window, centre[None])[0]) is None
 
 
+def test_a_status_drives_the_heater_that_it_observes_and_has_no_likelihood_beside_heat(tmp_path):
+    content, data = written(windows=1), small.closed_loop(tmp_path)[1]
+    driven = build_problem(small.load(tmp_path, content)[0], data)
+    del content["simulator"]["heaters"]["heater"]["measured_by"]
+    content["observations"]["heater_status"]["likelihood"] = {"switch_times": {}}
+    problem = build_problem(small.load(tmp_path, content)[0], data)
+    assert problem.names == driven.names
+    (window,), (expected,) = sampled_windows(problem), sampled_windows(driven)
+    theta = problem.at(window, problem.priors.median())
+    np.testing.assert_array_equal(window.simulate(theta).temperatures, expected.simulate(theta).temperatures)
+    assert window.unmeasured == ()
+    content["heat"] = "none"
+    assert "timing.heater_status" in build_problem(small.load(tmp_path, content)[0], data).names
+
+
 def without_a_status(folder, **parameters):
     content = written(windows=1)
     del content["simulator"]["heaters"]["heater"]["measured_by"], content["observations"]["heater_status"]

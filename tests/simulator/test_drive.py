@@ -214,7 +214,7 @@ def test_a_heater_starts_in_its_measured_state(tmp_path, measured):
 def test_a_heater_without_status_starts_as_the_scenario_says(tmp_path):
     written = small.content()
     written["simulator"]["heaters"]["heater"] |= {"initially_on": True}
-    written["simulator"]["heaters"]["heater"].pop("measured_by")
+    del written["simulator"]["heaters"]["heater"]["measured_by"], written["observations"]["heater_status"]
     scenario, data = small.load(tmp_path, written)
     assert inputs_of(scenario, data)[1].initially_on == [1.0]
 

@@ -14,6 +14,7 @@ import xarray
 
 from ..problem import Problem, Runs, patterns_of, pinned_heaters, places_of
 from ..run import labelled, plain
+from ..scenario import status_likelihoods
 from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
 from .diagnostics import Diagnostics, PriorScore
@@ -114,7 +115,7 @@ def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:
 
 def _status_forms(problem: Problem) -> dict[str, str]:
     """Status channels that count in the likelihood, and as what."""
-    forms = {name: item.likelihood for name, item in problem.scenario.observations.items() if item.likelihood}
+    forms = status_likelihoods(problem.scenario)
     return {name: "switch times" if form.switch_times else "duty cycle" for name, form in forms.items()}
 
 

@@ -172,12 +172,19 @@ def _of_observations(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
 
 
 def _of_heaters(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) -> Iterator[str]:
-    """Of heaters that switch more often than telemetry shows."""
+    """Of a status whose likelihood is not used, and of heaters that switch more often than telemetry shows."""
     from ..problem import fast_heaters, unseen_heaters
-    from ..scenario import SimulatorModel, heat_of
+    from ..scenario import SimulatorModel, heat_of, status_likelihoods
 
     if not isinstance(scenario.simulator, SimulatorModel) or heat_of(scenario) is None:
         return
+    used = status_likelihoods(scenario)
+    for channel, item in scenario.observations.items():
+        if item.likelihood is not None and channel not in used:
+            yield (
+                f"observations.{channel}.likelihood: it is not used; with unmodelled heat the status drives its heater "
+                "in training, and tells more so; delete it, or write 'heat: none'"
+            )
     for name in unseen_heaters(scenario, data, [window.span for window in trained], fast_heaters(trained)):
         node = scenario.network.heaters[name].node
         yield (

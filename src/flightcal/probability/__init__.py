@@ -23,6 +23,6 @@ from .noise.kind import DEVIATION, NoiseKind
 from .noise.shaped import Shaped
 from .priors import CENTRAL, Priors, PriorTerms, Tilt, signed
 from .residuals import ResidualModel, residual_model
-from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches, uncertain_thermostats
+from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
 from .straight import Straight, straight
 from .weighing import Evidence, Gains, Weighed, filter_of, weigh

@@ -14,7 +14,15 @@ from functools import cached_property
 import numpy as np
 import xarray
 
-from ..scenario import DutyCycle, Prior, Scenario, SimulatorModel, SwitchTimes
+from ..scenario import (
+    DutyCycle,
+    Prior,
+    Scenario,
+    SimulatorModel,
+    SwitchTimes,
+    status_likelihoods,
+    uncertain_thermostats,
+)
 from ..simulator import FloatArray, IntArray, Switch, Times, Trajectory
 from ..telemetry import SHORT_GAP
 from .kernels.switching import DutyCycles, StatusCall, StatusData, StatusSamples, status_work, switching
@@ -89,9 +97,8 @@ class HeaterStatus:
 def heater_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> HeaterStatus | None:
     """What a window's telemetry says of the heaters, with times from `start`; None: no channel has a likelihood."""
     forms = {
-        name: (item.likelihood.switch_times or item.likelihood.duty_cycle, item.heater)
-        for name, item in scenario.observations.items()
-        if item.likelihood is not None
+        name: (own.switch_times or own.duty_cycle, scenario.observations[name].heater)
+        for name, own in status_likelihoods(scenario).items()
     }
     if not forms:
         return None
@@ -121,11 +128,6 @@ def heater_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datet
     return HeaterStatus(StatusData(_status_samples(samples), _duty_cycles(duties)), np.array(settings), priors)
 
 
-def uncertain_thermostats(scenario: Scenario) -> set[str]:
-    """Heaters with a threshold that is a parameter."""
-    return {path.split(".")[1] for path in scenario.uncertain if path.endswith((".on_below", ".off_above"))}
-
-
 def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> Switch | None:
     """Where the measured status that drives heaters changes between two neighbouring samples, s from `start`.
 
@@ -135,7 +137,7 @@ def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.d
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or model.heater_input != "measured":
         return None
-    if not uncertain_thermostats(scenario) and all(item.likelihood is None for item in scenario.observations.values()):
+    if not uncertain_thermostats(scenario) and not status_likelihoods(scenario):
         return None
     found = []
     for heater, block in enumerate(model.switches.values()):

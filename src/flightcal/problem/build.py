@@ -10,7 +10,7 @@ import xarray
 
 from ..environment import orbital_period, seconds_later
 from ..errors import ScenarioError, TelemetryError
-from ..probability import Priors, heater_status, measured_switches, residual_model, uncertain_thermostats
+from ..probability import Priors, heater_status, measured_switches, residual_model
 from ..reduction import initial_given
 from ..reduction import load as load_reduced
 from ..scenario import (
@@ -23,6 +23,7 @@ from ..scenario import (
     is_trained,
     load_driver,
     time_error_of,
+    uncertain_thermostats,
 )
 from ..simulator import ICE_POINT, TIME_ERROR, FloatArray, NetworkSimulator, open_loop
 from ..telemetry import (

@@ -34,9 +34,11 @@ from .defaults import (
     heat_of,
     noise_of,
     not_normal,
+    status_likelihoods,
     step_tolerance,
     time_error_of,
     timed_together,
+    uncertain_thermostats,
 )
 from .document import Problem, read_document
 from .environment import (

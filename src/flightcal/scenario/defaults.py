@@ -6,7 +6,7 @@ from .external import ExternalModel
 from .heat import Heat, HeatPattern
 from .network import SimulatorModel
 from .priors import HalfNormal, LogNormal
-from .residuals import Discrepancy, Noise, PhaseDiscrepancy
+from .residuals import Discrepancy, Noise, PhaseDiscrepancy, StatusLikelihood
 from .schema import Scenario
 
 _FINEST = 5e-3
@@ -113,6 +113,24 @@ def timed_together(scenario: Scenario) -> tuple[str, ...]:
         if item.node is not None and item.time_offset == 0.0
     ]
     return tuple(path for path in found if path not in scenario.uncertain)
+
+
+def status_likelihoods(scenario: Scenario) -> dict[str, StatusLikelihood]:
+    """How the status of heaters counts in the likelihood, by channel.
+
+    With unmodelled heat a status drives its heater in training. What it says of the temperatures is all used then, and
+    thermostats act only where their thresholds are parameters.
+    """
+    written = {name: item for name, item in scenario.observations.items() if item.likelihood is not None}
+    model = scenario.simulator
+    if isinstance(model, SimulatorModel) and heat_of(scenario) is not None and not uncertain_thermostats(scenario):
+        written = {name: item for name, item in written.items() if not model.switches[item.heater or ""].measured_by}
+    return {name: item.likelihood for name, item in written.items() if item.likelihood is not None}
+
+
+def uncertain_thermostats(scenario: Scenario) -> set[str]:
+    """Heaters with a threshold that is a parameter."""
+    return {path.split(".")[1] for path in scenario.uncertain if path.endswith((".on_below", ".off_above"))}
 
 
 def can_have_heat(scenario: Scenario) -> bool:

@@ -79,6 +79,7 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
             reader.problems += found
         data["simulator"], found = with_mesh(data)
         reader.problems += found
+        data["simulator"] = _with_status(data["simulator"], _mapping(data, "observations"))
     if isinstance(data.get("environment"), dict):
         data["environment"], found = with_attitudes(data["environment"], path.parent)
         reader.problems += found
@@ -92,6 +93,18 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
     scenario = reader.whole(Scenario, data, {**parts, "parameters": parameters})
     problems = tuple(reader.problems)
     return Reading(document, replace(blocks, parameters=parameters), numbers, None if problems else scenario, problems)
+
+
+def _with_status(model: dict[str, Any], observations: Mapping[str, Any]) -> dict[str, Any]:
+    """A network whose heaters are measured by the first status that observes them, where nothing else is written."""
+    if is_external(model):
+        return model
+    heaters = dict(_mapping(model, "heaters"))
+    for channel, own in observations.items():
+        name = str(own.get("heater")) if isinstance(own, dict) else ""
+        if isinstance(heaters.get(name), dict) and "switched_with" not in heaters[name]:
+            heaters[name] = {"measured_by": channel, **heaters[name]}
+    return {**model, "heaters": heaters} if heaters else model
 
 
 @dataclass
