@@ -72,6 +72,12 @@ def a_check(run):
     return run
 
 
+def begun_beside_a_check(run):
+    write_json(run / "check.json", {})
+    change(run / "provenance.json", stage_inputs={"check": "x", "genetic": "x"})
+    return run
+
+
 def damaged(run):
     (run / "parameters.json").write_text("{")
     return run
@@ -98,6 +104,7 @@ def without_a_field(run):
         (no_verdict, "found an unfinished run (verdict.json is missing), expected a finished one; run the same"),
         (begun_again, "found an unfinished run (stage 'nuts' is missing)"),
         (a_check, "found a check, expected the folder of a run"),
+        (begun_beside_a_check, "found an unfinished run (stage 'nuts' is missing)"),
         (a_backtest, "found a backtest, expected the folder of a run"),
         (damaged, "parameters.json: not JSON"),
         (of_an_earlier_version, "parameters.json: found another content"),
@@ -109,3 +116,12 @@ def test_what_is_no_finished_run_is_a_message(tmp_path, spoil, message):
     assert result.exit_code == USER_ERROR
     assert result.exception is None or isinstance(result.exception, SystemExit)
     assert message in result.output
+
+
+def test_a_run_in_the_folder_of_a_check_is_shown(tmp_path):
+    folder = write_kept(tmp_path / "run")
+    write_json(folder / "check.json", {})
+    change(
+        folder / "provenance.json", stage_inputs=dict.fromkeys(("check", "genetic", "nuts", "predict", "results"), "x")
+    )
+    assert show(folder).exit_code == 0

@@ -71,6 +71,33 @@ def test_a_load_that_is_left_out_is_named_by_the_driver_that_nothing_follows(tmp
     assert float(first.sentence.split(" W ")[0].split()[-1]) == pytest.approx(12.0, rel=0.1)
 
 
+def with_a_current(folder, change):
+    """The satellite with a battery's current, which warms the body while it is below zero, and telemetry of it.
+
+    change: of the loads, after that.
+    """
+    written = small.content()
+    written["telemetry"]["channels"]["current"] = {"column": "current", "kind": "driver", "unit": "A"}
+    loads = written["simulator"]["loads"]
+    table = [["-4 A", 1], ["0 A", 0], ["4 A", 0]]
+    loads["discharge"] = {"node": "body", "driver": "current", "coefficient": "12 W", "table": table}
+    columns = {"current": np.where(np.arange(421) % 37 < 15, -4.0, 1.5)}
+    _, data = small.closed_loop(folder, written, columns=columns)
+    change(loads)
+    return small.load(folder, written, columns=columns)[0], data
+
+
+def test_a_load_that_is_left_out_may_be_of_one_sign_of_its_driver_alone(tmp_path):
+    first = named(*with_a_current(tmp_path, lambda loads: loads.pop("discharge")))[0]
+    assert first.title == "A load of body is missing in the scenario: current below zero heats it"
+
+
+def test_a_driver_that_counts_the_other_way_round_than_a_loads_table_is_named(tmp_path):
+    mirrored = [["-4 A", 0], ["0 A", 0], ["4 A", 1]]
+    first = named(*with_a_current(tmp_path, lambda loads: loads["discharge"].update(table=mirrored)))[0]
+    assert first.title == "The driver current has the wrong sign"
+
+
 def test_a_driver_that_heats_nothing_is_no_load_that_is_left_out(tmp_path):
     written = small.content()
     written["telemetry"]["channels"]["bus"] = {"column": "bus", "kind": "driver", "unit": "A"}

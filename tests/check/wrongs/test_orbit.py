@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightcal.check.prepared import prepared
-from flightcal.check.wrongs.orbit import epochs, misread_angles, orbits
+from flightcal.check.wrongs.orbit import epochs, misread_angles, orbits, places
 from tests import small
 
 from ..cases import boxed, named, pointed, spoilt, sunlit
@@ -201,3 +201,14 @@ def test_angles_of_an_orbit_that_are_exchanged_are_named(tmp_path):
     orbit["raan"], orbit["argument_of_perigee"] = orbit["argument_of_perigee"], orbit["raan"]
     scenario, _ = small.load(tmp_path, written)
     assert named(scenario, data)[0].title == "raan and argument_of_perigee of the orbit are exchanged"
+
+
+@pytest.mark.parametrize(("late", "zone"), [(10_790.0, "; about 3 h may also be a time zone"), (9_000.0, "")])
+def test_another_place_names_the_keys_of_its_orbit_and_a_time_zone(tmp_path, late, zone):
+    written = boxed()
+    written["simulator"]["modes"] = {"idle": {"body": "1 W"}}
+    written["simulator"]["timeline"] = [{"at": "2024-02-29T12:00:00", "mode": "idle"}]
+    _, data = flown_on_an_ellipse(tmp_path, written)
+    (own,) = places(prepared(small.load(tmp_path, written)[0], data), [late])
+    expected = f"Check 'epoch' and 'mean_anomaly' in 'environment: orbit'{zone}"
+    assert own.words.advice.removesuffix(" of the telemetry and the timeline") == expected

@@ -209,24 +209,37 @@ def left_out(view: View) -> Iterator[Wrong]:
     for name in known:
         with suppress(FlightcalError):
             values = driver_values(view, name, view.network.drive.times)
-            for node in view.heat.nodes:
-                yield from _as_driver_says(view, name, node, values, len(known) * len(view.heat.nodes))
+            parts = {name: values}
+            if values.min() < 0.0 < values.max():
+                # A current heats a battery while it discharges, or either way.
+                below, above = np.maximum(-values, 0.0), np.maximum(values, 0.0)
+                parts |= {
+                    f"{name} below zero": below,
+                    f"{name} above zero": above,
+                    f"the size of {name}": above + below,
+                }
+            for node, (part, own) in product(view.heat.nodes, parts.items()):
+                yield from _as_driver_says(view, name, part, node, own, len(known) * len(view.heat.nodes) * len(parts))
 
 
-def _as_driver_says(view: View, driver: str, node: str, values: FloatArray, tries: float) -> Iterator[Wrong]:
-    """A node takes heat in proportion to a driver; values: [K + 1] of that at the edges of the simulation's steps."""
+def _as_driver_says(view: View, driver: str, part: str, node: str, values: FloatArray, tries: float) -> Iterator[Wrong]:
+    """A node takes heat in proportion to a driver, or to a part of it, called so.
+
+    values: [K + 1] of that at the edges of the simulation's steps.
+    """
     largest, flow = float(np.abs(values).max()), flow_through(view, node)
     if np.ptp(values) < _VARIES * largest or not flow:
         return
     series = np.stack([values[:-1], values[1:]], axis=1).reshape(1, -1) / largest
     effect = flow * view.response(view.window, view.middle, node, series)
+    add = ", with a 'table' or 'absolute: true'" if part != driver else ""
 
     def words(fit: Fit) -> Words:
         power = number(flow * float(fit.added[0]), 2)
         return Words(
-            f"A load of {node} is missing in the scenario: {driver} heats it",
-            f"{node} takes {power} W where {driver} is largest, and no load follows {driver}.",
-            f"Add a load of {node} with 'driver: {driver}' to 'simulator: loads'",
+            f"A load of {node} is missing in the scenario: {part} heats it",
+            f"{node} takes {power} W where {part} is largest, and no load follows {driver}.",
+            f"Add a load of {node} with 'driver: {driver}' to 'simulator: loads'{add}",
         )
 
     yield Wrong("missing heat", f"{driver} {node}", words, columns=effect, least=LACKED, lacked=True, tries=tries)
@@ -254,6 +267,27 @@ def tables(view: View) -> Iterator[Wrong]:
         )
         changed = load.model_copy(update={"table": tuple(table)})
         yield from _driven(view, {name: (changed, load.driver)}, words, len(tried))
+
+
+def signs(view: View) -> Iterator[Wrong]:
+    """The driver that a load's table is over counts the other way round, as a battery's current may."""
+    scenario = view.window.scenario
+    channels = scenario.telemetry.channels
+    over = {
+        name: load
+        for name, load in scenario.network.loads.items()
+        if load.table
+        and not load.absolute
+        and channels[load.driver].kind == "driver"
+        and not channels[load.driver].is_angle
+    }
+    for name, load in over.items():
+        words = Words(
+            f"The driver {load.driver} has the wrong sign",
+            f"Taken the other way round, it makes the heat of load {name} explain the telemetry.",
+            f"Check which way {load.driver} counts, and 'table' of load {name}",
+        )
+        yield from _driven(view, {name: (load, load.driver)}, words, len(over), (-1.0, 0.0))
 
 
 def angles(view: View) -> Iterator[Wrong]:
@@ -297,5 +331,5 @@ def _driven(
     yield Wrong("driver", about, words, window=view.with_inputs(inputs), tries=tries)
 
 
-WRONGS = (drivers, other_columns, other_nodes, left_out, tables, angles)
+WRONGS = (drivers, other_columns, other_nodes, left_out, tables, signs, angles)
 """What looks for them."""

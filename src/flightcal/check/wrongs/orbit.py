@@ -54,6 +54,8 @@ _EPOCHS = {
     "2 days later": 2.0, "a year earlier": -365.0, "a year later": 365.0,
 }  # fmt: skip
 """By how many days an epoch is off; two-line elements of another year are refused."""
+_MOST_HOURS, _ABOUT = 14, 90.0
+"""Of a time zone, and s by which a shift that is found may be beside whole hours."""
 _DAY_OF_YEAR = slice(20, 32)
 """Columns of the first of two-line elements."""
 
@@ -268,7 +270,12 @@ def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> It
     """The satellite is at another place of its orbit than the scenario says, while modes are right."""
     if not view.window.scenario.network.faces or not view.window.scenario.network.timeline:
         return
-    count = 24
+    orbit, count = view.window.scenario.environment.orbit, 24
+    keys = [
+        own
+        for own in ("epoch", "argument_of_latitude", "mean_anomaly", "tle", "positions")
+        if getattr(orbit, own, None) is not None
+    ]
     around = [(k if k <= count // 2 else k - count) * view.window.period / count for k in range(1, count)]
     for late in map(float, around if shifts is None else shifts):
         how = "later" if late > 0 else "earlier"
@@ -276,10 +283,18 @@ def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> It
             f"Sunlight and eclipses come {minutes(late)} {how} than the orbit says",
             f"With the orbit moved by {minutes(late)}, and the timeline of modes as it is, the model explains the "
             "telemetry.",
-            "Check 'epoch' and 'argument_of_latitude' in 'environment: orbit'",
+            f"Check {listed([repr(key) for key in keys])} in 'environment: orbit'{_time_zone(late)}",
         )
         near = partial(places, view, closer(late, view.window.period / count))
         yield from driven_otherwise("orbit", "place", words, view, tries=count, closer=near, sunlight=late)
+
+
+def _time_zone(late: float) -> str:
+    """What else may be where times are off by about so many hours (s)."""
+    hours = round(abs(late) / 3600.0)
+    if not 1 <= hours <= _MOST_HOURS or abs(abs(late) - 3600.0 * hours) > _ABOUT:
+        return ""
+    return f"; about {hours} h may also be a time zone of the telemetry and the timeline"
 
 
 def eclipses(view: View) -> Iterator[Wrong]:
