@@ -1,10 +1,12 @@
 """Numbers of the scenario, and priors."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from flightcal.check.prepared import prepared
-from flightcal.check.wrongs.written import exchanged, numbers
+from flightcal.check.wrongs.written import exchanged, numbers, priors
 from flightcal.scenario import LogNormal
 from tests import small
 
@@ -17,6 +19,19 @@ def test_a_narrow_prior_that_is_far_off_is_named(flown):
     link = scenario.parameters["link"].model_copy(update={"prior": prior})
     first = named(scenario.model_copy(update={"parameters": {**scenario.parameters, "link": link}}), data)[0]
     assert (first.kind, first.about) == ("prior", "link")
+
+
+@pytest.mark.parametrize(("value", "checks"), [(0.9, ""), (1.2, "; no surface has so much: check faces.outside.area")])
+def test_an_emissivity_above_one_is_an_area(tmp_path, value, checks):
+    written = sunlit()
+    prior = {"lognormal": {"median": 0.8, "factor": 1.02}}
+    written["parameters"] = {"outside_emissivity": {"sets": "faces.outside.emissivity", "prior": prior}}
+    view = prepared(*small.closed_loop(tmp_path, written))
+    (own,) = priors(view)
+    theta = view.problem.priors.median()
+    theta[view.problem.names.index("outside_emissivity")] = value
+    told = own.words(SimpleNamespace(z=view.problem.to_z(theta), added=[9.0]))
+    assert told.advice == f"Check the prior of outside_emissivity, and its unit{checks}"
 
 
 @pytest.mark.parametrize("times", [3.0, 1.0 / 3.0])

@@ -196,12 +196,16 @@ def priors(view: View) -> Iterator[Wrong]:
 
         def words(fit: Fit, name: str = name, k: int = k) -> Words:
             value, off = float(view.problem.to_theta(fit.z)[k]), abs(float(fit.added[0]))
-            unit = view.window.scenario.parameters[name].unit
+            parameter = view.window.scenario.parameters[name]
+            faces = [path.rpartition(".")[0] for path in parameter.sets if path.rpartition(".")[2] in SHARES[:2]]
+            # Of an absorptivity that is more than one, the rest is its area.
+            areas = listed([f"{face}.area" for face in faces])
+            instead = f"; no surface has so much: check {areas}" if faces and value > 1.0 else ""
             return Words(
                 f"The prior of {name} is far from the telemetry",
-                f"The telemetry agrees with {name} = {_measured(value, 3, unit)}, {number(off, 2)} deviations of "
-                "its prior away.",
-                f"Check the prior of {name}, and its unit",
+                f"The telemetry agrees with {name} = {_measured(value, 3, parameter.unit)}, {number(off, 2)} "
+                "deviations of its prior away.",
+                f"Check the prior of {name}, and its unit{instead}",
             )
 
         yield Wrong("prior", name, words, widened=k, least=_FAR, tries=len(parameters))
