@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.check.findings import heat_findings
-from flightcal.check.heat import _compared, beside_heat
+from flightcal.check.heat import WIDER, _compared, beside_heat
 from flightcal.problem import Entry, build_problem
 from flightcal.scenario import Normal
 
@@ -58,6 +58,14 @@ def test_heat_that_follows_the_eclipse_imitates_an_absorptivity(heated):
     assert found["absorptivity"].node == "panel"
     assert found["absorptivity"].kind == "surface"
     assert found["absorptivity"].matters
+
+
+def test_what_is_well_told_beside_heat_is_no_matter(heated):
+    _, found = heated
+    own = replace(found["absorptivity"], without=0.005, beside=0.05)
+    assert own.growth > WIDER
+    assert not own.matters
+    assert replace(own, beside=0.5).matters
 
 
 def test_heat_in_one_node_does_not_imitate_a_conductance_between_two_that_a_heater_excites(tmp_path):

@@ -22,6 +22,8 @@ WIDER = 4.0
 """Times as wide as without heat, from which it matters."""
 _NOTICED = 1.25
 """The same below which a parameter that heat can imitate is not worth a word."""
+_KNOWN = 0.1
+"""Of its prior's width, up to which a parameter is told well beside heat."""
 _DEPENDENT = 1e-6
 """Of the largest singular value."""
 
@@ -56,8 +58,9 @@ class Imitated:
 
     @property
     def matters(self) -> bool:
-        """Whether heat can imitate it and does, or takes much of what is known of it."""
-        return self.growth > WIDER or (self.cosine > ALIKE and self.growth > _NOTICED)
+        """Whether heat can imitate it and does, or takes much of what is known of it, and leaves little."""
+        taken = self.growth > WIDER or (self.cosine > ALIKE and self.growth > _NOTICED)
+        return taken and self.beside > _KNOWN
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,9 @@ def heat_findings(heat: BesideHeat | None) -> list[Finding]:
         return []
     matter = [own for own in heat.parameters if own.matters]
     if not matter:
-        text = "No parameter's effect is like what heat of its prior's size can do."
+        text = (
+            "No parameter's effect is like what heat of its prior's size can do, or it is well told beside that heat."
+        )
         return [Finding("good", "Unmodelled heat takes little from the parameters", text)]
     found = []
     for kind, advice in _TELLS.items():
