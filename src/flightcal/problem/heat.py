@@ -51,7 +51,7 @@ def _rehearsal(problem: Problem, *, known: bool) -> Problem:
 def sampled_windows(problem: Problem) -> tuple[Window, ...]:
     """The windows that parameters and heat are learnt in: in open loop, where heaters have a measured status.
 
-    Where thresholds are uncertain, or the status itself counts, thermostats act.
+    Where thresholds are uncertain thermostats act.
     """
     opened = problem.open_loop
     if opened is None or any(window.measured_switches is not None for window in opened.windows):

@@ -118,14 +118,12 @@ def timed_together(scenario: Scenario) -> tuple[str, ...]:
 def status_likelihoods(scenario: Scenario) -> dict[str, StatusLikelihood]:
     """How the status of heaters counts in the likelihood, by channel.
 
-    With unmodelled heat a status drives its heater in training. What it says of the temperatures is all used then, and
-    thermostats act only where their thresholds are parameters.
+    With unmodelled heat a status drives its heater in training, and what it says of the temperatures is all used.
+    Thermostats act there only where thresholds are parameters.
     """
-    written = {name: item for name, item in scenario.observations.items() if item.likelihood is not None}
-    model = scenario.simulator
-    if isinstance(model, SimulatorModel) and heat_of(scenario) is not None and not uncertain_thermostats(scenario):
-        written = {name: item for name, item in written.items() if not model.switches[item.heater or ""].measured_by}
-    return {name: item.likelihood for name, item in written.items() if item.likelihood is not None}
+    if heat_of(scenario) is not None and not uncertain_thermostats(scenario):
+        return {}
+    return {name: own.likelihood for name, own in scenario.observations.items() if own.likelihood is not None}
 
 
 def uncertain_thermostats(scenario: Scenario) -> set[str]:
