@@ -212,3 +212,14 @@ def test_another_place_names_the_keys_of_its_orbit_and_a_time_zone(tmp_path, lat
     (own,) = places(prepared(small.load(tmp_path, written)[0], data), [late])
     expected = f"Check 'epoch' and 'mean_anomaly' in 'environment: orbit'{zone}"
     assert own.words.advice.removesuffix(" of the telemetry and the timeline") == expected
+
+
+@pytest.mark.parametrize(("inclination", "told"), [("0.05 deg", True), ("30 deg", False)])
+def test_near_the_equator_a_node_is_told_with_the_angles_in_the_plane(tmp_path, inclination, told):
+    written = boxed()
+    written["environment"]["orbit"] = {
+        "altitude": "600 km", "inclination": inclination, "raan": "10 deg", "epoch": "2024-03-01T00:00:00"
+    }  # fmt: skip
+    view = prepared(*small.closed_loop(tmp_path, written))
+    own = next(own for own in orbits(view) if own.about == "raan")
+    assert ("and the other angles in its plane" in own.words.advice) == told

@@ -54,6 +54,8 @@ _EPOCHS = {
     "2 days later": 2.0, "a year earlier": -365.0, "a year later": 365.0,
 }  # fmt: skip
 """By how many days an epoch is off; two-line elements of another year are refused."""
+_EQUATORIAL = 0.1
+"""Sine of an inclination, below which the node and a place in the orbit are all but the same."""
 _MOST_HOURS, _ABOUT = 14, 90.0
 """Of a time zone, and s by which a shift that is found may be beside whole hours."""
 _DAY_OF_YEAR = slice(20, 32)
@@ -127,12 +129,14 @@ def _other_orbit(view: View, orbit: _Orbit, name: str, step: float, tries: float
     if value is None:
         return
     written = "tle" if isinstance(orbit, TleOrbit) else name
+    near_equator = name == "raan" and not isinstance(orbit, TleOrbit) and np.sin(orbit.inclination) < _EQUATORIAL
     scenario = elsewhere(view, orbit=orbit.model_copy(update={written: value}))
     words = Words(
         f"The orbit has another {name.replace('_', ' ')}",
         f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",
         f"Check 'environment: orbit' ({name.replace('_', ' ')}: {text})"
-        + (", and that the two lines are of this satellite" if written == "tle" else ""),
+        + (", and that the two lines are of this satellite" if written == "tle" else "")
+        + (", and the other angles in its plane, which do as much near the equator" if near_equator else ""),
     )
 
     def around() -> Iterator[Wrong]:
