@@ -79,7 +79,7 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
             reader.problems += found
         data["simulator"], found = with_mesh(data)
         reader.problems += found
-        data["simulator"] = _with_status(data["simulator"], _mapping(data, "observations"))
+        data["simulator"] = _with_status(data["simulator"], data)
     if isinstance(data.get("environment"), dict):
         data["environment"], found = with_attitudes(data["environment"], path.parent)
         reader.problems += found
@@ -95,14 +95,15 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
     return Reading(document, replace(blocks, parameters=parameters), numbers, None if problems else scenario, problems)
 
 
-def _with_status(model: dict[str, Any], observations: Mapping[str, Any]) -> dict[str, Any]:
+def _with_status(model: dict[str, Any], data: Mapping[str, Any]) -> dict[str, Any]:
     """A network whose heaters are measured by the first status that observes them, where nothing else is written."""
     if is_external(model):
         return model
-    heaters = dict(_mapping(model, "heaters"))
-    for channel, own in observations.items():
+    heaters, channels = dict(_mapping(model, "heaters")), _mapping(_mapping(data, "telemetry"), "channels")
+    for channel, own in _mapping(data, "observations").items():
         name = str(own.get("heater")) if isinstance(own, dict) else ""
-        if isinstance(heaters.get(name), dict) and "switched_with" not in heaters[name]:
+        is_status = _mapping(channels, channel).get("kind") == "status"
+        if is_status and isinstance(heaters.get(name), dict) and "switched_with" not in heaters[name]:
             heaters[name] = {"measured_by": channel, **heaters[name]}
     return {**model, "heaters": heaters} if heaters else model
 
