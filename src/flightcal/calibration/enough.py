@@ -12,7 +12,7 @@ from ..problem import Whitening, whitening
 from ..progress import Progress
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
-from .diagnostics import BROKEN_OFF, Diagnostics, draws_wanted, fewest_effective
+from .diagnostics import BROKEN_OFF, Diagnostics, Gate, draws_wanted, fewest_effective
 from .nuts import Draws
 
 _MOST = 8.0
@@ -75,25 +75,29 @@ def sample_enough(
     return draws, theta, judged
 
 
+def _failed(judged: Diagnostics) -> dict[str, Gate]:
+    """The gates that are not passed, by name."""
+    return {own.name: own for own in judged.gates if not own.passed}
+
+
 def _wanting(judged: Diagnostics) -> str:
     """What the gates that failed found."""
-    return " and ".join(f"{own.name} {own.found}, not {own.required}" for own in judged.gates if not own.passed)
+    return " and ".join(f"{own.name} {own.found}, not {own.required}" for own in _failed(judged).values())
 
 
 def _careful(judged: Diagnostics, settings: NutsSettings) -> NutsSettings | None:
     """Settings of smaller steps, where trajectories broke off; None: they did not, or steps are small already."""
-    failed = {own.name for own in judged.gates if not own.passed}
-    refused = _REFUSED * (1.0 - settings.target_acceptance)
-    if BROKEN_OFF not in failed or not failed <= {BROKEN_OFF, *_FEW} or refused < _FEWEST_REFUSED:
+    failed, refused = _failed(judged), _REFUSED * (1.0 - settings.target_acceptance)
+    if BROKEN_OFF not in failed or not failed.keys() <= {BROKEN_OFF, *_FEW} or refused < _FEWEST_REFUSED:
         return None
     return settings.model_copy(update={"target_acceptance": 1.0 - refused})
 
 
 def _more(judged: Diagnostics, drawn: int, settings: NutsSettings) -> int:
     """How many more draws of each chain than those drawn are wanted, where that is all that is wanting."""
-    failed = {own.name for own in judged.gates if not own.passed}
+    failed = _failed(judged)
     least, wanted = fewest_effective(judged.parameters), drawn
-    if not failed <= _FEW or not least > 0.0:
+    if not failed.keys() <= _FEW or not least > 0.0:
         return 0
     if "R-hat" in failed:
         if not max(own.r_hat for own in judged.parameters) < settings.max_r_hat + _NEAR:

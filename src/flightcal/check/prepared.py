@@ -77,19 +77,11 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
 
 
 def _held(scenario: Scenario, telemetry: xarray.Dataset, window: str) -> tuple[Scenario, xarray.Dataset]:
-    """The scenario whose heaters have the status that observes them, and what `pinned` makes of it."""
-    model = scenario.network
-    # The first one, where several do.
-    observing = {own.heater: channel for channel, own in reversed(scenario.observations.items())}
-    heaters = {
-        name: own.model_copy(update={"measured_by": own.measured_by or observing.get(name)})
-        for name, own in model.switches.items()
-    }
-    told = scenario.model_copy(update={"simulator": model.model_copy(update={"heaters": {**model.heaters, **heaters}})})
-    silent = any(own.measured_by is None for own in heaters.values())
+    """The scenario and its telemetry, as `pinned` makes them."""
+    silent = any(own.measured_by is None for own in scenario.network.switches.values())
     fast = fast_heaters([build_window(scenario, telemetry, window)]) if silent else ()
     span = window_bounds(scenario.windows[window], orbital_period(scenario.environment, scenario.folder))
-    return pinned(told, telemetry, unseen_heaters(told, telemetry, [span], fast), fast)
+    return pinned(scenario, telemetry, unseen_heaters(scenario, telemetry, [span], fast), fast)
 
 
 def _heat(scenario: Scenario) -> Heat:

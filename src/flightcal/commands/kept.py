@@ -72,10 +72,9 @@ def read_kept(folder: Path) -> Kept:
     if not folder.is_dir():
         raise RunError(f"{folder}: found a file, {wanted}")
     provenance = read_provenance(folder)
-    other = next((kind for name, kind in _OTHERS.items() if (folder / name).is_file()), None)
     done = provenance.get("stage_inputs", {})
-    if other == "check" and _BEGUN in done:
-        other = None
+    others = [kind for name, kind in _OTHERS.items() if (folder / name).is_file()]
+    other = next((kind for kind in others if kind != "check" or _BEGUN not in done), None)
     if other is not None or not provenance:
         raise RunError(f"{folder}: found {f'a {other}' if other else 'no run'}, {wanted}")
     lacking = [f"stage '{name}'" for name in _STAGES if name not in done]

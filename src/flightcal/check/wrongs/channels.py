@@ -277,7 +277,7 @@ def units(view: Comparison) -> Iterator[Wrong]:
                 continue
             read = observed.copy()
             read[:, chosen] = change(read[:, chosen])
-            if np.nanmin(read) < COLDEST or np.nanmax(read) > HOTTEST:
+            if not _are_of_a_satellite(read):
                 continue
             who = view.channels[chosen[0]] if len(chosen) == 1 else "every temperature"
             words = _in_unit(who, how, observed[:, chosen], read[:, chosen])
@@ -289,8 +289,13 @@ def in_other_units(channel: str, read: FloatArray) -> Iterator[tuple[FloatArray,
     """Readings [T] K of a channel as they would be in another unit, the usual ones first, with words."""
     for change, _, how in _UNITS.values():
         changed = change(read)
-        if np.isfinite(read).any() and np.nanmin(changed) > COLDEST and np.nanmax(changed) < HOTTEST:
+        if np.isfinite(read).any() and _are_of_a_satellite(changed):
             yield changed, _in_unit(channel, how, read, changed)
+
+
+def _are_of_a_satellite(read: FloatArray) -> bool:
+    """Whether temperatures, K, some of which are known, may all be of one."""
+    return bool(np.nanmin(read) >= COLDEST and np.nanmax(read) <= HOTTEST)
 
 
 def _in_unit(who: str, how: str, before: FloatArray, after: FloatArray) -> Words:

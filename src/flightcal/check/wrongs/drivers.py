@@ -40,16 +40,17 @@ _VARIES = 0.5
 _OF_UNIT = 8
 """Ways in which a driver may be of another unit or sign."""
 
+_OTHER_WAY_ROUND = ("has the wrong sign", "which way round {} counts", -1.0, 0.0)
 _OF_ANGLES = (
     ("is in rad, not in deg", "'unit' of {}", 180.0 / np.pi, 0.0),
     ("is in deg, not in rad", "'unit' of {}", np.pi / 180.0, 0.0),
-    ("has the wrong sign", "which way round {} counts", -1.0, 0.0),
+    _OTHER_WAY_ROUND,
     ("is that from the opposite axis", "from which axis {} counts", -1.0, np.pi),
     ("is that from an axis at 90 deg", "from which axis {} counts", -1.0, 0.5 * np.pi),
     ("counts from the other end", "from where {} counts", 1.0, np.pi),
     ("counts from the other end", "from where {} counts", 1.0, -np.pi),
 )
-"""What an angle may be, what to check, and factor and offset (rad) of what it reads."""
+"""What a driver, or an angle, may be, what to check, and factor and offset (rad) of what it reads."""
 
 
 def drivers(view: View) -> Iterator[Wrong]:
@@ -269,39 +270,21 @@ def tables(view: View) -> Iterator[Wrong]:
         yield from _driven(view, {name: (changed, load.driver)}, words, len(tried))
 
 
-def signs(view: View) -> Iterator[Wrong]:
-    """The driver that a load's table is over counts the other way round, as a battery's current may."""
+def tabled(view: View) -> Iterator[Wrong]:
+    """A driver that a load has a table over counts the other way round; an angle is of another unit or axis."""
     scenario = view.window.scenario
-    channels = scenario.telemetry.channels
-    over = {
-        name: load
-        for name, load in scenario.network.loads.items()
-        if load.table
-        and not load.absolute
-        and channels[load.driver].kind == "driver"
-        and not channels[load.driver].is_angle
-    }
-    for name, load in over.items():
-        words = Words(
-            f"The driver {load.driver} has the wrong sign",
-            f"Taken the other way round, it makes the heat of load {name} explain the telemetry.",
-            f"Check which way {load.driver} counts, and 'table' of load {name}",
-        )
-        yield from _driven(view, {name: (load, load.driver)}, words, len(over), (-1.0, 0.0))
-
-
-def angles(view: View) -> Iterator[Wrong]:
-    """The angle that a load's table is over is in another unit, or counts from another axis or the other way round."""
-    scenario = view.window.scenario
-    channels, loads = scenario.telemetry.channels, scenario.network.loads
-    over = {name: load for name, load in loads.items() if load.table and channels[load.driver].is_angle}
-    for (name, load), (said, advice, scale, offset) in product(over.items(), _OF_ANGLES):
-        words = Words(
-            f"The angle {load.driver} {said}",
-            f"So taken, the heat of load {name} explains the telemetry.",
-            f"Check {advice.format(load.driver)} and 'table' of load {name}",
-        )
-        yield from _driven(view, {name: (load, load.driver)}, words, len(over) * len(_OF_ANGLES), (scale, offset))
+    drivers = {name: own for name, own in scenario.telemetry.channels.items() if own.kind == "driver"}
+    loads = {name: load for name, load in scenario.network.loads.items() if load.table and load.driver in drivers}
+    of_angles = {name: load for name, load in loads.items() if drivers[load.driver].is_angle}
+    others = {name: load for name, load in loads.items() if name not in of_angles and not load.absolute}
+    for what, over, ways in (("angle", of_angles, _OF_ANGLES), ("driver", others, (_OTHER_WAY_ROUND,))):
+        for (name, load), (said, advice, scale, offset) in product(over.items(), ways):
+            words = Words(
+                f"The {what} {load.driver} {said}",
+                f"So taken, the heat of load {name} explains the telemetry.",
+                f"Check {advice.format(load.driver)} and 'table' of load {name}",
+            )
+            yield from _driven(view, {name: (load, load.driver)}, words, len(over) * len(ways), (scale, offset))
 
 
 def _driven(
@@ -331,5 +314,5 @@ def _driven(
     yield Wrong("driver", about, words, window=view.with_inputs(inputs), tries=tries)
 
 
-WRONGS = (drivers, other_columns, other_nodes, left_out, tables, signs, angles)
+WRONGS = (drivers, other_columns, other_nodes, left_out, tables, tabled)
 """What looks for them."""

@@ -12,8 +12,9 @@ import numpy as np
 
 from ...environment import orbital_period
 from ...report import listed
-from ...scenario import AttitudeTimeline, CircularOrbit, Earth, KeplerianOrbit, SampledAttitude, TleOrbit
+from ...scenario import AttitudeTimeline, CircularOrbit, Earth, KeplerianOrbit, Orbit, SampledAttitude, TleOrbit
 from ...simulator import FloatArray
+from ..sunlight import ZONES
 from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, elsewhere, minutes
 
@@ -49,6 +50,9 @@ _OF_LINE_2 = {
 _BOUNDS = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}
 """rad, of angles that do not go round."""
 _ANGLES = ("inclination", "raan", "argument_of_perigee", "mean_anomaly", "argument_of_latitude")
+"""Keys that may be taken for one another."""
+_OF_A_PLACE = ("epoch", "argument_of_latitude", "mean_anomaly", "tle", "positions")
+"""Keys that say where in its orbit the satellite is."""
 _EPOCHS = {
     "2 days earlier": -2.0, "1 day earlier": -1.0, "0.5 days earlier": -0.5, "0.5 days later": 0.5, "1 day later": 1.0,
     "2 days later": 2.0, "a year earlier": -365.0, "a year later": 365.0,
@@ -56,8 +60,8 @@ _EPOCHS = {
 """By how many days an epoch is off; two-line elements of another year are refused."""
 _EQUATORIAL = 0.1
 """Sine of an inclination, below which the node and a place in the orbit are all but the same."""
-_MOST_HOURS, _ABOUT = 14, 90.0
-"""Of a time zone, and s by which a shift that is found may be beside whole hours."""
+_ABOUT = 90.0
+"""s, by which a shift that is found may be beside the whole hours of a time zone."""
 _DAY_OF_YEAR = slice(20, 32)
 """Columns of the first of two-line elements."""
 
@@ -232,8 +236,9 @@ def misread_angles(view: View) -> Iterator[Wrong]:
     if not isinstance(orbit, CircularOrbit | KeplerianOrbit) or not view.window.scenario.network.faces:
         return
     changed: list[tuple[str, str, dict[str, float]]] = []
-    for a, b in combinations([own for own in _ANGLES if getattr(orbit, own, None) is not None], 2):
-        changed.append((f"{a} and {b} of the orbit are exchanged", f"{a} and {b}", _exchanged(orbit, a, b)))
+    for a, b in combinations(_keys(orbit, _ANGLES), 2):
+        exchanged = {a: getattr(orbit, b), b: getattr(orbit, a)}
+        changed.append((f"{a} and {b} of the orbit are exchanged", f"{a} and {b}", exchanged))
     if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
         mean = {"mean_anomaly": _mean_anomaly(orbit.mean_anomaly, orbit.eccentricity)}
         changed.append(("The mean_anomaly of the orbit is its true anomaly", "mean_anomaly", mean))
@@ -250,8 +255,9 @@ def misread_angles(view: View) -> Iterator[Wrong]:
         yield from driven_otherwise("orbit", what, words, view, tries=len(changed), scenario=scenario)
 
 
-def _exchanged(orbit: CircularOrbit | KeplerianOrbit, a: str, b: str) -> dict[str, float]:
-    return {a: getattr(orbit, b), b: getattr(orbit, a)}
+def _keys(orbit: Orbit | None, names: Sequence[str]) -> list[str]:
+    """Those of the keys of an orbit that it has."""
+    return [name for name in names if getattr(orbit, name, None) is not None]
 
 
 def _mean_anomaly(true_anomaly: float, eccentricity: float) -> float:
@@ -274,12 +280,7 @@ def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> It
     """The satellite is at another place of its orbit than the scenario says, while modes are right."""
     if not view.window.scenario.network.faces or not view.window.scenario.network.timeline:
         return
-    orbit, count = view.window.scenario.environment.orbit, 24
-    keys = [
-        own
-        for own in ("epoch", "argument_of_latitude", "mean_anomaly", "tle", "positions")
-        if getattr(orbit, own, None) is not None
-    ]
+    count, keys = 24, _keys(view.window.scenario.environment.orbit, _OF_A_PLACE)
     around = [(k if k <= count // 2 else k - count) * view.window.period / count for k in range(1, count)]
     for late in map(float, around if shifts is None else shifts):
         how = "later" if late > 0 else "earlier"
@@ -296,7 +297,7 @@ def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> It
 def _time_zone(late: float) -> str:
     """What else may be where times are off by about so many hours (s)."""
     hours = round(abs(late) / 3600.0)
-    if not 1 <= hours <= _MOST_HOURS or abs(abs(late) - 3600.0 * hours) > _ABOUT:
+    if not 0.0 < 3600.0 * hours <= ZONES or abs(abs(late) - 3600.0 * hours) > _ABOUT:
         return ""
     return f"; about {hours} h may also be a time zone of the telemetry and the timeline"
 

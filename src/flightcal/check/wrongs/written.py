@@ -197,7 +197,8 @@ def priors(view: View) -> Iterator[Wrong]:
         def words(fit: Fit, name: str = name, k: int = k) -> Words:
             value, off = float(view.problem.to_theta(fit.z)[k]), abs(float(fit.added[0]))
             parameter = view.window.scenario.parameters[name]
-            faces = [path.rpartition(".")[0] for path in parameter.sets if path.rpartition(".")[2] in SHARES[:2]]
+            of_faces = (path.rpartition(".") for path in parameter.sets if path.startswith("faces."))
+            faces = [face for face, _, key in of_faces if key in SHARES]
             # Of an absorptivity that is more than one, the rest is its area.
             areas = listed([f"{face}.area" for face in faces])
             instead = f"; no surface has so much: check {areas}" if faces and value > 1.0 else ""
