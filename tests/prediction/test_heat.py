@@ -9,7 +9,7 @@ from flightcal.calibration.find_heat import find_heat
 from flightcal.calibration.heat_point import start_with_heat
 from flightcal.prediction import predict
 from flightcal.prediction.heat import DrawnHeat, draw_heat
-from flightcal.prediction.thresholds import _OFFSETS, Thresholds, _log_likelihood, _Switches, _usual_scatter, scattered
+from flightcal.prediction.thresholds import Thresholds, scattered
 from flightcal.probability.heat import fading
 from flightcal.problem import SLOW, build_problem, build_window, knots_of
 
@@ -274,36 +274,6 @@ def test_thresholds_are_found_where_thermostats_switch(case, off):
     assert goes_off == pytest.approx(-off, abs=0.06)
     # Sharper than its switches' samples: where in between each was is told by the temperatures after it.
     assert (offsets.std(axis=0) < 0.04).all()
-
-
-def seen(drawn_at):
-    """Log likelihood [o, c] of one switch that fell by 0.01 K/s through a threshold, 30 s after its last sample."""
-    seconds = np.arange(0.0, 601.0, 10.0)
-    found = _Switches(np.array([0.0]), np.array([600.0]), np.array([[drawn_at]]))
-    return _log_likelihood(seconds, 6.0 - 0.01 * seconds, found, 0, 1.0)
-
-
-@pytest.mark.parametrize("later", [0.0, 30.0, 60.0])
-def test_a_threshold_is_what_the_sensor_had_fallen_to_when_its_heater_switched(later):
-    likeliest = _OFFSETS[np.argmax(seen(600.0 + later)[:, 0])]
-    assert likeliest == pytest.approx(-0.01 * later, abs=0.01 + 0.5 * (_OFFSETS[1] - _OFFSETS[0]))
-
-
-def test_a_heater_that_has_not_switched_has_a_threshold_below_what_its_sensor_saw():
-    found = seen(np.inf)[:, 0]
-    assert (found[_OFFSETS < 0.0] > -1e-6).all()
-    assert (found[_OFFSETS > 0.2] < -20.0).all()
-
-
-def test_a_thermostat_is_expected_to_scatter_as_readings_of_its_thermistor_do(case):
-    """The telemetry has noise of 0.1 K, and no steps."""
-    _, problem, draws, _ = case
-    window = problem.windows[0]
-    (found,) = _usual_scatter(window, problem.at(window, draws[:1])[0])
-    assert found == pytest.approx(NOISE, rel=0.3)
-    other = {name: item.model_copy(update={"node": "panel"}) for name, item in window.scenario.observations.items()}
-    unseen = replace(window, scenario=window.scenario.model_copy(update={"observations": other}))
-    assert _usual_scatter(unseen, problem.at(window, draws[:1])[0]) == 0.15
 
 
 def test_a_prediction_tells_how_far_above_its_thresholds_a_heater_switches(case):

@@ -309,7 +309,7 @@ def test_exact_heat_is_looked_for_no_longer_than_what_is_missed_is_more_than_may
     assert least < missed(between) < between < first
 
 
-def test_the_information_has_what_the_heaters_status_tells_where_a_threshold_is_a_parameter(tmp_path):
+def test_the_information_has_what_the_heaters_status_tells_where_a_threshold_drifts(tmp_path):
     content = written(windows=1)
     content["observations"]["heater_status"]["likelihood"] = {"switch_times": {}}
     content["parameters"]["threshold"] = {
@@ -317,6 +317,7 @@ def test_the_information_has_what_the_heaters_status_tells_where_a_threshold_is_
         "prior": {
             "normal": {"mean": content["simulator"]["heaters"]["heater"]["on_below"], "standard_deviation": "1 K"}
         },
+        "drift": 0.5,
     }
     problem, told = with_some_heat(problem_of(tmp_path, content))
     silent = replace(told, windows=tuple(replace(window, heater_status=None) for window in told.windows))

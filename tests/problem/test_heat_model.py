@@ -98,6 +98,22 @@ def test_where_heat_is_learnt_heaters_are_driven_by_their_measured_status(flown)
     assert as_sampled(problem).open_loop is None
 
 
+@pytest.mark.parametrize("drifts", [False, True])
+def test_thermostats_act_only_where_switches_do_not_tell_of_a_threshold(tmp_path, drifts):
+    content = small.content() | {"heat": {}}
+    prior = {"normal": {"mean": "10 degC", "standard_deviation": "1 K"}}
+    content["parameters"]["threshold"] = {"sets": "heaters.heater.on_below", "prior": prior}
+    content["parameters"]["threshold"] |= {"drift": 0.5} if drifts else {}
+    problem = build_problem(*small.closed_loop(tmp_path, content))
+    (opened,), (sampled,) = problem.open_loop.windows, sampled_windows(problem)
+    assert opened.measured_switches is not None
+    if drifts:
+        assert sampled is problem.windows[0]
+    else:
+        assert sampled.measured_switches is None
+        assert sampled.simulator is opened.simulator
+
+
 def test_without_heat_thermostats_act(flown):
     scenario, data = flown
     problem = build_problem(scenario.model_copy(update={"heat": "none"}), data)

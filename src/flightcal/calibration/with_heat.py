@@ -21,6 +21,7 @@ from .mode import check_simulated, climb, find_mode
 from .nuts import Draws, sample_problem
 from .posterior import Posterior, prior_scores
 from .rough import draws_in_turn, seconds_of_a_gradient
+from .thresholds import with_thresholds
 
 _OF_NOISE = 0.1
 """So far off linear, over its noise, a channel may be whatever the weights: no interval shows it."""
@@ -108,6 +109,7 @@ def calibrate_with_heat(
             theta = spread_sizes(problem, heated, point, known, draws.z, sizes, rng)
         else:
             theta = heated.to_theta(draws.z)
+        theta = with_thresholds(heated, theta.reshape(-1, theta.shape[-1]), rng).reshape(theta.shape)
         by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
         return theta, diagnose(by_name, draws.statistics, settings, prior_scores(heated, theta))
 

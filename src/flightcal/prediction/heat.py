@@ -22,6 +22,7 @@ from ..problem import (
     shifts_of_weights,
     split,
     unit_heats,
+    whole_weights,
 )
 from ..simulator import FloatArray, Trajectory
 from .errors import WindowErrors
@@ -121,14 +122,7 @@ def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
     done = [of_draw for of_draw in runs if of_draw is not None]
     if done:
         kept[usable] = exact_heat(problem, done, draws[usable], rng, within=_MISSED).weights
-    window = problem.windows[0]
-    inside = problem.at(window, draws)
-    of_scales = np.stack([window.scales(theta) for theta in inside])
-    scales = tuple(of_scales[:, model.scales.index(group.scale)] for group in model.groups)
-    weights = []
-    for known, basis, scale in zip(split(model, kept), model.kept, scales, strict=True):
-        new = rng.standard_normal(known.shape)
-        weights.append(known + scale[:, None] * (new - new @ basis @ basis.T))
+    weights, scales = whole_weights(problem, draws, kept, rng)
     thetas, heats, ends, fitted = [], [], [], {}
     for window in problem.windows:
         of_window, units = problem.at(window, draws), unit_heats(model, window)
@@ -144,7 +138,7 @@ def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
         heats.append(heat)
     shifts = [shifts_of_weights(model, window, weights) for window in problem.windows]
     thresholds = draw_thresholds(problem.windows, thetas, heats, shifts, rng)
-    return DrawnHeat(model, tuple(weights), scales, usable, thresholds, tuple(ends), fitted)
+    return DrawnHeat(model, weights, scales, usable, thresholds, tuple(ends), fitted)
 
 
 def _end(

@@ -17,6 +17,7 @@ from .heat import (
     mixed,
     rehearsals,
     sampled_windows,
+    whole_weights,
     with_heat,
 )
 from .heat_model import SLOW, HeatModel, Held, heat_model, knots_of, own_groups
@@ -40,4 +41,5 @@ from .native import STOPPED, NativeDensity
 from .pinned import fast_heaters, pinned, pinned_heaters, pinned_nodes, unseen_heaters
 from .problem import Problem, Runs
 from .synthetic import simulate_telemetry, with_drawn_heat, with_telemetry
+from .thresholds import SCATTERS, Passages, log_prior_of_scatter, passages
 from .window import PIN, Window

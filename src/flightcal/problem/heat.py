@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..probability import DEVIATION, Gains, Shaped, Sizes, WindowHeat
-from ..scenario import heat_of
+from ..scenario import heat_of, thermostats_act
 from ..simulator import FloatArray
 from .entries import entries_of
 from .heat_model import Followed, HeatModel, heat_model
@@ -51,12 +51,14 @@ def _rehearsal(problem: Problem, *, known: bool) -> Problem:
 def sampled_windows(problem: Problem) -> tuple[Window, ...]:
     """The windows that parameters and heat are learnt in: in open loop, where heaters have a measured status.
 
-    Where thresholds are uncertain thermostats act.
+    What its switches say of thresholds is said after all else: see `calibration.thresholds`.
     """
-    opened = problem.open_loop
-    if opened is None or any(window.measured_switches is not None for window in opened.windows):
+    if problem.open_loop is None or thermostats_act(problem.scenario):
         return problem.windows
-    return opened.windows
+    opened = problem.open_loop.windows
+    if all(window.measured_switches is None for window in opened):
+        return opened
+    return tuple(replace(window, measured_switches=None) for window in opened)
 
 
 def as_sampled(problem: Problem) -> Problem:
@@ -218,6 +220,24 @@ def exact_heat(
         steps = [*steps, gains([np.nan_to_num(own) for own in left]) / growth][-_REMEMBERED:]
         weights = mixed(np.stack(points, axis=1), np.stack(steps, axis=1))
     return ExactHeat(kept, tuple(kept_runs), tuple(linear))
+
+
+def whole_weights(
+    problem: Problem, thetas: FloatArray, kept: FloatArray, rng: np.random.Generator
+) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+    """Weights [S, f] of all functions of each group from those [S, m] of the kept directions, and scales [S].
+
+    What the telemetry does not tell is drawn from its prior, at thetas [S, d].
+    """
+    model, window = problem.heat, problem.windows[0]
+    assert model is not None
+    of_scales = np.stack([window.scales(theta) for theta in problem.at(window, thetas)])
+    scales = tuple(of_scales[:, model.scales.index(group.scale)] for group in model.groups)
+    weights = []
+    for known, basis, scale in zip(split(model, kept), model.kept, scales, strict=True):
+        new = rng.standard_normal(known.shape)
+        weights.append(known + scale[:, None] * (new - new @ basis @ basis.T))
+    return tuple(weights), scales
 
 
 def mixed(points: FloatArray, steps: FloatArray) -> FloatArray:

@@ -36,6 +36,8 @@ from .defaults import (
     not_normal,
     status_likelihoods,
     step_tolerance,
+    thermostats_act,
+    threshold_parameters,
     time_error_of,
     timed_together,
     uncertain_thermostats,

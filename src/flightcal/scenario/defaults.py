@@ -119,16 +119,35 @@ def status_likelihoods(scenario: Scenario) -> dict[str, StatusLikelihood]:
     """How the status of heaters counts in the likelihood, by channel.
 
     With unmodelled heat a status drives its heater in training, and what it says of the temperatures is all used.
-    Thermostats act there only where thresholds are parameters.
     """
-    if heat_of(scenario) is not None and not uncertain_thermostats(scenario):
+    if heat_of(scenario) is not None and not thermostats_act(scenario):
         return {}
     return {name: own.likelihood for name, own in scenario.observations.items() if own.likelihood is not None}
 
 
 def uncertain_thermostats(scenario: Scenario) -> set[str]:
     """Heaters with a threshold that is a parameter."""
-    return {path.split(".")[1] for path in scenario.uncertain if path.endswith((".on_below", ".off_above"))}
+    return {path.split(".")[1] for path in scenario.uncertain if _is_threshold(path)}
+
+
+def threshold_parameters(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the parameters that set or scale a threshold."""
+    return tuple(name for name, own in scenario.parameters.items() if any(map(_is_threshold, own.targets)))
+
+
+def thermostats_act(scenario: Scenario) -> bool:
+    """Whether thermostats act in training beside unmodelled heat: temperatures alone tell of a threshold.
+
+    That of a heater without a status; of a parameter that sets other numbers too, or drifts.
+    """
+    switches = scenario.network.switches
+    unseen = any(switches[name].measured_by is None for name in uncertain_thermostats(scenario) if name in switches)
+    others = [scenario.parameters[name] for name in threshold_parameters(scenario)]
+    return unseen or any(own.drift is not None or not all(map(_is_threshold, own.targets)) for own in others)
+
+
+def _is_threshold(path: str) -> bool:
+    return path.startswith("heaters.") and path.endswith((".on_below", ".off_above"))
 
 
 def can_have_heat(scenario: Scenario) -> bool:

@@ -89,6 +89,11 @@ class Parameter(Block):
     """It differs between the windows of a calibration on several: scale of the half-normal prior of the standard
     deviation between them, in standard deviations of the parameter's own prior. null: it does not."""
 
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Dotted paths of all that it sets or scales."""
+        return (*self.sets, *self.scales)
+
 
 class Observation(Block):
     """What a channel measures: a temperature or a heater's status; sensor bias and noise."""
@@ -184,7 +189,7 @@ class Scenario(Block):
     @property
     def uncertain(self) -> set[str]:
         """Dotted paths of the numbers that parameters set or scale."""
-        return {path for parameter in self.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+        return {path for parameter in self.parameters.values() for path in parameter.targets}
 
     @property
     def network(self) -> SimulatorModel:
