@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from flightcal.scenario import step_tolerance
+from flightcal.simulator.drive import Inputs
+from flightcal.simulator.steps import Comparison, _tightened
 
 from .. import small
 from .satellites import problem_of, random_satellite
@@ -113,3 +115,25 @@ def test_a_node_that_the_prior_lets_be_very_light_is_right_at_its_lightest(tmp_p
     thetas = thetas[np.argsort(thetas[:, chosen.priors.names.index("light")])[:4]]
     for coarse, exact in zip(*(problem.simulate_many(thetas) for problem in (chosen, fine)), strict=True):
         assert np.abs(coarse[0].temperatures - exact[0].temperatures).max() < 6.0 * TOLERANCE
+
+
+@pytest.mark.parametrize(("limit", "longest"), [(170.0, 160.0), (140.0, 130.0), (50.0, None)])
+def test_a_grid_that_misses_the_tolerance_by_little_is_tried_with_shorter_steps(limit, longest):
+    end, nothing = 20_000.0, np.zeros(0)
+    inputs = Inputs(
+        np.array([0.0, end]), np.zeros((1, 2)), np.zeros((1, 0)), np.array([0.0, end]), nothing, nothing, nothing
+    )
+
+    def compare(grid, halves):
+        off = np.zeros((1, len(halves), 1))
+        off[0, len(halves) // 2] = 2.5 * TOLERANCE * (1.1 if np.diff(grid).max() > limit else 0.9)
+        return Comparison(off, [nothing])
+
+    found = _tightened(inputs, compare, TOLERANCE, lambda at: np.full(at.shape, 200.0))
+    if longest is None:
+        assert found is None
+    else:
+        grid, accuracy = found
+        assert np.diff(grid).max() == pytest.approx(longest, rel=0.02)
+        assert accuracy.steps == len(grid) - 1
+        assert accuracy.largest < 2.5 * TOLERANCE

@@ -10,6 +10,7 @@ import xarray
 
 from ..scenario import Scenario, numbers_of, step_tolerance
 from .assembly import ParameterMap, assemble
+from .balance import balanced
 from .drive import Times, drive_on, make_grid, window_inputs
 from .network import Network, build_network, sensor_state
 from .sampling import Observation, Sensors
@@ -77,6 +78,7 @@ def network_simulator(
         scatter=np.array([scenario.network.switches[name].scatter for name in network.heaters]),
     )
     thetas = _as_written(simulator, scenario) if tried is None else tried(simulator.parameters)
+    simulator = replace(simulator, network=balanced(simulator, np.median(thetas, axis=0)))
     thetas = thetas[to_try(network.structure, assemble(simulator.mapping, network.terms, thetas)[1])]
 
     def compare(grid: FloatArray, halves: FloatArray) -> Comparison | None:

@@ -47,6 +47,8 @@ _WHOLE = 1.5
 """Most by which the length that was wanted of a step differs from the one that it has, when the next is reckoned."""
 _GROWTH = 3.0
 """Most by which a step grows or shrinks from one trial to the next."""
+_ALMOST, _FEWER, _TIGHTER = 2.0, 0.6, (0.8, 0.65, 0.5)
+"""Times the tolerance: a grid so near to it, with so many of the steps of the best one, is tried with shorter steps."""
 
 
 @dataclass(frozen=True)
@@ -107,16 +109,18 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
     best: tuple[FloatArray, Accuracy] | None = None
     left, most = _IDLE, _MOST * len(make_grid(inputs, FALLBACK))
     closest = np.inf, grid, Accuracy(len(grid) - 1, np.nan, np.nan)
+    almost: tuple[int, Lengths] | None = None
     for _ in range(_TRIALS):
         found = measure(grid, compare)
         if found is None:
             grid = make_grid(inputs, FALLBACK)
             return grid, Accuracy(len(grid) - 1, np.nan, np.nan)
         accuracy, typical, worst = found
-        error, largest = accuracy.error / (_MARGIN * tolerance), accuracy.largest / (_LARGEST * tolerance)
-        excess = max(error, largest)
+        error, largest, excess = _over(accuracy, tolerance)
         if excess < closest[0]:
             closest = excess, grid, accuracy
+        if 1.0 < excess < _ALMOST and (almost is None or accuracy.steps < almost[0]):
+            almost = accuracy.steps, wanted
         if excess <= 1.0:
             if best is None or accuracy.steps < 0.97 * best[1].steps:
                 best = grid, accuracy
@@ -138,7 +142,32 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
         grid = make_grid(inputs, wanted)
         if len(grid) > most:
             break
+    if almost is not None and (best is None or almost[0] < _FEWER * best[1].steps):
+        # The steps that follow from errors need not lead there, where thermostats make these of some of the steps.
+        best = _tightened(inputs, compare, tolerance, almost[1]) or best
     return best or closest[1:]
+
+
+def _tightened(
+    inputs: Inputs, compare: Compare, tolerance: float, wanted: Lengths
+) -> tuple[FloatArray, Accuracy] | None:
+    """The first grid within the tolerance whose steps are a little shorter than wanted; None: none is."""
+    for share in _TIGHTER:
+        grid = make_grid(inputs, _times(share, wanted))
+        found = measure(grid, compare)
+        if found is not None and _over(found[0], tolerance)[2] <= 1.0:
+            return grid, found[0]
+    return None
+
+
+def _times(share: float, wanted: Lengths) -> Lengths:
+    return lambda at: share * wanted(at)
+
+
+def _over(accuracy: Accuracy, tolerance: float) -> tuple[float, float, float]:
+    """The error and the largest error of a grid, over those that are allowed, and the worse of both."""
+    error, largest = accuracy.error / (_MARGIN * tolerance), accuracy.largest / (_LARGEST * tolerance)
+    return error, largest, max(error, largest)
 
 
 def measure(grid: FloatArray, compare: Compare) -> tuple[Accuracy, FloatArray, FloatArray] | None:
