@@ -10,7 +10,7 @@ from scipy.integrate import simpson
 from flightcal.environment import face_fluxes
 from flightcal.errors import TelemetryError
 from flightcal.simulator import build_network, open_loop
-from flightcal.simulator.drive import Inputs, divided, drive_on, make_grid, window_inputs
+from flightcal.simulator.drive import Inputs, _apart, divided, drive_on, make_grid, window_inputs
 
 from .. import small
 from .test_network import rich
@@ -338,3 +338,10 @@ def test_steps_that_are_divided_bring_the_same_and_end_where_they_shall(tmp_path
     theta = small.theta_of(simulator, **small.TRUTH)
     runs = [replace(simulator, drive=own).simulate(theta).temperatures for own in (found, drive)]
     np.testing.assert_allclose(*runs, atol=1e-4)
+
+
+def test_of_points_that_are_next_to_each_other_the_first_is_kept_and_of_the_end_the_end():
+    """Inputs ended before their window did, where a sample lies within a microsecond of its end."""
+    end = 11459.987
+    found = _apart(np.array([0.0, end, 60.0, 60.0 + 1e-7, end - 1.3e-7, 30.0]))
+    assert found.tolist() == [0.0, 30.0, 60.0, end]

@@ -111,9 +111,7 @@ def _promising(
 
     def gained(some: Sequence[Wrong], k: int) -> float:
         try:
-            return max(_gain(view, some[k], look) for look in looks)
-        except SimulationFailure:
-            return -np.inf
+            return max(_gain_or_none(view, some[k], look) for look in looks)
         finally:
             _release(some[k])
 
@@ -239,6 +237,14 @@ def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
     return _Look(around, back, level)
 
 
+def _gain_or_none(view: View, wrong: Wrong, look: _Look) -> float:
+    """What a first look says; minus infinity where that cannot be simulated."""
+    try:
+        return _gain(view, wrong, look)
+    except SimulationFailure:
+        return -np.inf
+
+
 def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     """Nats by which a wrong is better than nothing, at first look. Raises SimulationFailure."""
     observed, point = wrong.read(view.observed), look.around.point
@@ -292,8 +298,9 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
             break
         point = _reading(view, wrong).point(wrong.window or view.window, fit.z, base)
         look = _look(view, point, np.isfinite(view.as_read))
+        near = [(gain - own.odds, own) for own in wrong.closer() if (gain := _gain_or_none(view, own, look)) > -np.inf]
         likely: dict[str, Wrong] = {}
-        for own in sorted(wrong.closer(), key=lambda own: own.odds - _gain(view, own, look)):
+        for _, own in sorted(near, key=lambda item: -item[0]):
             likely.setdefault(own.about, own)
         tried = [(_climbed(view, own, base), own) for own in list(likely.values())[:_SUBJECTS]]
         again, best = max(tried, key=lambda item: item[0].evidence - item[1].odds, default=(fit, wrong))

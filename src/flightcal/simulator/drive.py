@@ -280,9 +280,11 @@ def _fineness(scenario: Scenario) -> float:
 
 
 def _apart(points: FloatArray) -> FloatArray:
-    """Points in order, of those closer together than a microsecond the first."""
+    """Points in order, of those closer together than a microsecond the first; the last stays where it is."""
     points = np.unique(points)
-    return points[np.concatenate([[True], np.diff(points) > 1e-6])]
+    found = points[np.concatenate([[True], np.diff(points) > 1e-6])]
+    found[-1] = points[-1]
+    return np.asarray(found)
 
 
 def _sunlit(telemetry: xarray.Dataset, flag: str, times: Times) -> FloatArray:

@@ -100,6 +100,7 @@ def test_one_change_of_attitude_that_is_late_is_named_with_the_minutes(tmp_path)
     ("name", "value"),
     [
         pytest.param("direction", [1, 0, 0], marks=pytest.mark.slow),
+        pytest.param("direction", [0, 0, -1], marks=pytest.mark.slow),
         pytest.param("period", "20 min", marks=pytest.mark.slow),
     ],
 )
@@ -113,16 +114,32 @@ def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, valu
     assert (first.kind, first.about) == ("attitude", name)
 
 
-@pytest.mark.slow
-def test_a_spin_with_another_phase_is_named_with_the_phase_to_write(tmp_path):
+def test_a_spin_with_another_period_is_named_with_what_to_write(tmp_path):
+    written = boxed()
+    written["simulator"]["nodes"]["panel"]["capacity"] = "200 J/K"
+    del written["simulator"]["faces"]["back"]
+    spin = {"spin_axis": [0, 0, 1], "direction": [0.3, -0.5, 0.8], "epoch": "2024-03-01T00:00:00"}
+    written["environment"]["attitude"] = spin | {"period": "13 min"}
+    scenario, _ = small.load(tmp_path, written)
+    written["environment"]["attitude"] = spin | {"period": "12 min", "phase": "70 deg"}
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", "period")
+    period, phase = re.findall(r"'period: ([\d.]+) s', 'phase: (\d+) deg' and 'epoch: 2024-03-01", first.advice)[0]
+    assert float(period) == pytest.approx(720.0, abs=2.0)
+    assert abs(int(phase) - 70) <= 10
+
+
+@pytest.mark.parametrize("true", [70, pytest.param(250, marks=pytest.mark.slow)])
+def test_a_spin_with_another_phase_is_named_with_the_phase_to_write(tmp_path, true):
     written = boxed()
     attitude = {"spin_axis": [0, 0, 1], "direction": [0, 0.6, 0.8], "period": "40 min", "epoch": "2024-03-01T00:00:00"}
     written["environment"]["attitude"] = attitude
     scenario, _ = small.load(tmp_path, written)
-    written["environment"]["attitude"] = attitude | {"phase": "70 deg"}
+    written["environment"]["attitude"] = attitude | {"phase": f"{true} deg"}
     _, data = small.closed_loop(tmp_path, written)
     (phase,) = re.findall(r"'phase: (\d+) deg'", named(scenario, data)[0].advice)
-    assert abs(int(phase) - 70) <= 5
+    assert abs(int(phase) - true) <= 5
 
 
 @pytest.mark.slow

@@ -40,6 +40,14 @@ def test_a_driver_with_several_times_the_heat_is_named_by_how_many_times(flown):
     assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(0.25, rel=0.05)
 
 
+def test_a_driver_in_amperes_that_is_read_as_a_thousand_times_as_many_is_named_by_its_size(tmp_path):
+    scenario, data = with_a_bus(tmp_path)
+    first = named(scenario, spoilt(data, bus=1000.0 * data["bus"]))[0]
+    assert (first.kind, first.about) == ("driver", "bus")
+    assert "nothing" not in first.title
+    assert "'unit' of bus" in first.advice
+
+
 def with_a_bus(folder, **drivers):
     """The satellite with a bus that is switched on and off, whose current heats the body, and telemetry of it.
 

@@ -9,6 +9,7 @@ from itertools import combinations, product
 from typing import Any
 
 import numpy as np
+from scipy.signal import lombscargle
 from scipy.spatial.transform import Rotation
 
 from ...report import number
@@ -38,8 +39,13 @@ _SLEWS = (0.1, 0.25, 0.5, 2.0, 4.0, 10.0)
 """Factors by which the time of a slew is off."""
 _SPIN_RATES = (1.0 / 60.0, 1.0 / 6.0, 0.5, 2.0, 6.0, 60.0)
 """Factors by which the period of a spin is off: a unit, rpm for deg/s, or about half."""
-_SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
-"""deg, by which the direction of a spin is turned about an inertial axis."""
+_SWUNG = np.deg2rad((-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0))
+"""rad, by which the direction of a spin is turned about an inertial axis."""
+_PHASES, _TURNS = 30.0, 24
+"""deg, by which a body that spins at another rate may be turned; ways in which it may."""
+_OF_ORBIT, _FINELY, _CLEARLY = 4.0, 8, 30.0
+"""Turns in an orbit from which a rhythm is no orbit's; rates that are looked at to one turn in the window; times the
+usual power that a spin has."""
 _NAMED, _SELDOM = 2.0, 150.0
 """Attitudes that have a name, and others, each of which is ten times as seldom."""
 _Axis = tuple[float, float, float]
@@ -147,10 +153,11 @@ def spins(view: View) -> Iterator[Wrong]:
     attitude = attitude_of(view)
     if not isinstance(attitude, SpinningAttitude):
         return
+    direction = np.array(attitude.direction)
+    ways = [Rotation.from_rotvec(angle * axis).apply(direction) for axis, angle in product(np.eye(3), _SWUNG)]
     others: list[tuple[str, Any, str]] = []
-    for axis, angle in product(np.eye(3), np.deg2rad(_SWINGS)):
-        way = tuple(Rotation.from_rotvec(angle * axis).apply(np.array(attitude.direction)).tolist())
-        others.append(("direction", way, "[" + ", ".join(f"{own:.2f}" for own in way) + "]"))
+    for way in (-direction, *ways):
+        others.append(("direction", tuple(way.tolist()), "[" + ", ".join(f"{own:.2f}" for own in way) + "]"))
     if attitude.period is not None:
         others.append(("period", None, "null (the mean over a turn)"))
         for factor in _SPIN_RATES:
@@ -163,6 +170,78 @@ def spins(view: View) -> Iterator[Wrong]:
             f"Check '{name}' in 'environment: attitude'",
         )
         yield from driven_otherwise("attitude", name, words, view, tries=len(others), scenario=scenario)
+    if attitude.period is None:
+        return
+    yield from _turned(view, attitude, np.arange(0.0, 360.0, _PHASES))
+    period = _rhythm(view, attitude.period)
+    if period is not None:
+        yield from _turning(view, attitude, period, np.arange(0.0, 360.0, _PHASES))
+
+
+def _turned(view: View, attitude: SpinningAttitude, phases: FloatArray, around: float = _PHASES) -> Iterator[Wrong]:
+    """A spinner is turned by so many deg at its epoch."""
+    for phase in phases.tolist():
+        words = Words(
+            f"The satellite is turned by {phase % 360.0:.0f} deg about the axis that it spins about",
+            f"With a phase of {phase % 360.0:.0f} deg, sunlight and Earth's heat explain the telemetry.",
+            f"Write 'phase: {phase % 360.0:.0f} deg' in 'environment: attitude', or check 'epoch' and 'period'",
+        )
+
+        def near(phase: float = phase) -> Iterator[Wrong]:
+            yield from _turned(view, attitude, phase + around * np.linspace(-0.5, 0.5, 5), 0.25 * around)
+
+        changed = attitude.model_copy(update={"phase": float(np.radians(phase))})
+        scenario = elsewhere(view, attitude=changed)
+        yield from driven_otherwise("attitude", "phase", words, view, tries=_TURNS, closer=near, scenario=scenario)
+
+
+def _turning(
+    view: View, attitude: SpinningAttitude, period: float, phases: FloatArray, around: float = _PHASES
+) -> Iterator[Wrong]:
+    """A spinner with another period, s, and by so many deg turned where the window begins."""
+    begun = view.window.start.astype("datetime64[us]").item()
+    whole = float(view.network.drive.times[-1])
+    for phase in phases.tolist():
+        changed = {"period": period, "phase": float(np.radians(phase)), "epoch": begun}
+        words = Words(
+            f"The satellite turns once in {number(period, 4)} s",
+            f"With a period of {number(period, 4)} s, sunlight and Earth's heat explain the telemetry.",
+            f"Write 'period: {number(period, 4)} s', 'phase: {phase % 360.0:.0f} deg' and 'epoch: "
+            f"{begun.isoformat(timespec='seconds')}' in 'environment: attitude'",
+        )
+
+        def near(phase: float = phase) -> Iterator[Wrong]:
+            # By so much the period changes where the end of the window is turned by as much as its beginning.
+            change = period**2 * around / 360.0 / whole
+            for other in (period - 0.5 * change, period, period + 0.5 * change):
+                yield from _turning(view, attitude, other, phase + around * np.array([-0.5, 0.0, 0.5]), 0.5 * around)
+
+        scenario = elsewhere(view, attitude=attitude.model_copy(update=changed))
+        yield from driven_otherwise("attitude", "period", words, view, tries=_TURNS, closer=near, scenario=scenario)
+
+
+def _rhythm(view: View, written: float) -> float | None:
+    """s, after which temperatures of a spinner come again, where that is clear and not the period that is written.
+
+    By Lomb's and Scargle's periodogram, of what is too fast to come from the orbit.
+    """
+    window = view.window
+    seconds = (window.times - window.start) / np.timedelta64(1, "ns") * 1e-9
+    long = seconds[-1] - seconds[0]
+    fastest = 0.5 / float(np.median(np.diff(seconds)))
+    rates = np.arange(_OF_ORBIT / window.period, fastest, 1.0 / (_FINELY * long))
+    if len(rates) < _FINELY * _OF_ORBIT:
+        return None
+    power = np.zeros(len(rates))
+    for observed in window.observed.T:
+        known = np.isfinite(observed)
+        if known.sum() > _FINELY and np.ptp(observed[known]) > 0.0:
+            found = lombscargle(seconds[known], observed[known], 2.0 * np.pi * rates, floating_mean=True)
+            power += found / np.var(observed[known]) / known.sum()
+    best = int(np.argmax(power))
+    if power[best] < _CLEARLY * np.median(power) or abs(rates[best] - 1.0 / written) < 0.5 / long:
+        return None
+    return float(1.0 / rates[best])
 
 
 def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchanges: bool = True) -> Iterator[Wrong]:

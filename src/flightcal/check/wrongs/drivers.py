@@ -63,8 +63,10 @@ def drivers(view: View) -> Iterator[Wrong]:
         yield from _driver_times(view, name, column, (*FEW_TIMES, *FACTORS), len(loads))
         for factor, how in ((-1.0, "has the wrong sign"), (0.0, "does nothing")):
             words = _of_unit(load.driver, name, factor, how)
-            window = _with_driver(view, column, factor)
-            yield Wrong("driver", load.driver, words, window=window, tries=_OF_UNIT * len(loads))
+            window, tries = _with_driver(view, column, factor), _OF_UNIT * len(loads)
+            # Beside much too much heat a little looks like none.
+            near = partial(_driver_times, view, name, column, FACTORS[:3], len(loads)) if factor == 0.0 else None
+            yield Wrong("driver", load.driver, words, window=window, tries=tries, closer=near)
 
 
 def _with_driver(view: View, column: int, factor: float) -> Window:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ...problem import Window
 from ...report import listed
-from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking, spins_fast
+from ...scenario import FaceNormal, Scenario, SunTracking, spins_fast
 from ...simulator import FloatArray, flux_kinds
 from ..view import View
 from .normals import (
@@ -239,7 +239,7 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
         f"The body is turned by {angle:.0f} deg against its attitude",
         f"With the body turned by [{about}] deg about its axes x, y and z, sunlight and Earth's heat explain the "
         "telemetry.",
-        _otherwise_spun(view, turn) or advice,
+        advice,
     )
 
     def around() -> Iterator[Wrong]:
@@ -247,19 +247,6 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
             yield from _tilt(view, turn + 0.5 * apart * np.array(step), 0.5 * apart)
 
     yield from driven_otherwise("attitude", "tilt", words, view, tries=_TILTED_WAYS, closer=around, scenario=looking)
-
-
-def _otherwise_spun(view: View, turn: FloatArray) -> str:
-    """What to do where a turn of the body, deg, is one about the axis that it spins about; else nothing."""
-    attitude = view.window.scenario.environment.attitude
-    if not isinstance(attitude, SpinningAttitude) or attitude.period is None:
-        return ""
-    axis = np.array(attitude.spin_axis)
-    about = float(turn @ axis / np.linalg.norm(axis))
-    if abs(about) < ALONG * np.linalg.norm(turn):
-        return ""
-    phase = (np.degrees(attitude.phase) + about) % 360.0
-    return f"Write 'phase: {phase:.0f} deg' in 'environment: attitude': so far the body has turned at 'epoch'"
 
 
 def _looking(view: View, turn: FloatArray) -> Scenario:
