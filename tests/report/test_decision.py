@@ -25,6 +25,7 @@ from .cases import (
     one_channel_says_nothing,
     prior_is_doubtful,
     status_is_not_measured,
+    status_is_of_passes,
 )
 from .packed import drawn, without_scripts
 from .test_browser import dump, needs_browser
@@ -137,6 +138,13 @@ def test_of_a_heater_without_a_status_it_is_told_what_is_predicted(run):
     assert re.search(r"payload_heater test – [\d.]+% [\d.]+% to [\d.]+% not measured", words["duty"])
     titles = [own["text"] for own in drawn(text)["figures"]["figure-1"]["layout"]["annotations"]]
     assert titles[2:] == ["<b>battery heater</b>", "<b>payload heater</b>"]
+
+
+def test_where_the_status_is_that_of_passes_the_whole_window_stands_beside_it(run):
+    assert "whole window" not in first_screen(good(run))[0]["duty"].lower()
+    words = first_screen(status_is_of_passes(run))[0]["duty"]
+    assert re.search(r"payload_heater test 100\.0% 100\.0% .*? 33\.3% \(33\.3% to 33\.3%\) ✓ inside", words)
+    assert "Whole window: of all of its time" in words
 
 
 def test_the_picture_is_of_the_channel_whose_noise_is_not_what_was_assumed(run):

@@ -131,6 +131,11 @@ def keep_sample(
     posterior = calibrate_nuts(
         problem, settings, seed, starts=starts, random_starts=random_starts, progress=run.progress
     )
+    if posterior.draws.interrupted:
+        run.progress.say(
+            "interrupted: what was drawn so far is kept, scored and reported, and the same command samples anew; "
+            "interrupt once more to stop at once"
+        )
     run.folder.log(stage=NUTS.name, event="mode", mode_search=search_record(posterior.problem, posterior.modes))
     run.folder.write_netcdf(POSTERIOR_FILE, posterior_tree(posterior.problem, posterior, seed=seed))
     found = judge(posterior)

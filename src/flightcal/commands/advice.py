@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) 
     yield from _of_tables(scenario, data)
     yield from _of_observations(scenario, data)
     yield from _of_heaters(scenario, data, trained)
-    yield from _of_steps(trained)
+    yield from of_steps(trained)
 
 
 def _of_sampling(data: xarray.Dataset, rows: int) -> Iterator[str]:
@@ -194,9 +194,9 @@ def _of_heaters(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Wind
         )
 
 
-def _of_steps(trained: Sequence[Window]) -> Iterator[str]:
-    """Of a simulator that no time grid makes exact."""
-    for window in trained:
+def of_steps(windows: Iterable[Window]) -> Iterator[str]:
+    """Of simulators that no time grid makes exact."""
+    for window in windows:
         accuracy = None if window.network is None else window.network.accuracy
         if accuracy is not None and accuracy.error > _COARSE:
             yield (

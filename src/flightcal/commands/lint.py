@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from ..errors import USER_ERROR, FlightcalError
-from .advice import advice
+from .advice import advice, of_steps
 from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _MOST_GAPS = 3
 """Gaps of a driver that are told, the longest."""
+_MILLI = 1.0
+"""K, up to which an error is told in mK."""
 
 
 def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
@@ -34,6 +36,8 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
     if problems:
         typer.echo(f"{problems} problem{'s' if problems > 1 else ''} found", err=True)
         raise typer.Exit(USER_ERROR)
+    import numpy as np
+
     from ..problem import build_window, open_windows
     from ..telemetry import bridged, quality_table, read
 
@@ -53,8 +57,10 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
     open_windows([windows[name] for name in loaded.train_windows], data)
     for window, built in windows.items():
         accuracy = built.network.accuracy if built.network is not None else None
-        steps = "" if accuracy is None else f"; {accuracy.steps} steps, error {1e3 * accuracy.error:.2g} mK"
-        typer.echo(f"window {window}: {len(built.times)} samples of {len(built.simulator.channels)} channels{steps}")
+        steps = "" if accuracy is None else f"; {accuracy.steps} steps, error {_kelvin(accuracy.error)}"
+        valid = "" if np.isfinite(built.observed).any() else ", no valid temperature"
+        count = len(built.simulator.channels)
+        typer.echo(f"window {window}: {len(built.times)} samples of {count} channels{valid}{steps}")
     told: dict[str, list[str]] = {}
     gaps = sorted(bridged(loaded, data), key=lambda record: (record.channel, -record.samples))
     of_channels = [list(own) for _, own in groupby(gaps, key=lambda record: record.channel)]
@@ -70,9 +76,15 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
                 f"telemetry {own[0].channel}: {len(own) - _MOST_GAPS} more gaps, shorter than these, are bridged"
             )
     trained = [windows[name] for name in loaded.train_windows]
-    for line in (*advice(loaded, data, trained), *_guesses(scenario.read_text(encoding="utf-8"))):
+    unseen = [own for name, own in windows.items() if name not in loaded.train_windows]
+    told_of = (*advice(loaded, data, trained), *of_steps(unseen), *_guesses(scenario.read_text(encoding="utf-8")))
+    for line in told_of:
         typer.echo(f"advice: {line}")
     typer.echo(f"{scenario}: no problems found")
+
+
+def _kelvin(error: float) -> str:
+    return f"{error:.2g} K" if error > _MILLI else f"{1e3 * error:.2g} mK"
 
 
 def _guesses(text: str) -> Iterator[str]:

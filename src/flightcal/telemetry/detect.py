@@ -68,8 +68,12 @@ _NO_STATE = 8
 """Bits that all values of a status have in common are those of a word from this on."""
 _MOST_BITS = 8
 """Of a word that heaters switch; where more change, it is a counter."""
-# A last letter alone is more often the name of a branch than a unit.
-_UNIT = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|deg|MA|MV)$")
+# A last letter alone is more often the name of a branch than a unit, but of what begins with a voltage or a power.
+_UNIT = re.compile(
+    r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|mK|AU|(?i:deg|degc|w_m2)|MA|MV)$"
+    r"|^(?:V|U|VOLT[A-Z]*)_.*_(V)$|^(?:P|PWR|POW[A-Z]*)_.*_(W)$"
+)
+_AT_THE_END = {"ma": "mA", "mv": "mV", "deg": "deg", "w_m2": "W/m^2"}
 _CELSIUS = {"c": "degC", "deg c": "degC", "deg. c": "degC", "degc": "degC", "°c": "degC", "celsius": "degC"}
 
 
@@ -432,8 +436,9 @@ def _unit(name: str) -> str | None:
     match = _UNIT.search(name)
     if match is None:
         return None
-    at_the_end = {"MA": "mA", "MV": "mV"}.get(match[2], match[2])
-    return _known(match[1] or at_the_end)
+    in_brackets, *at_the_end = match.groups()
+    found = in_brackets or next(filter(None, at_the_end))
+    return _known(found if in_brackets else _AT_THE_END.get(found.lower(), found))
 
 
 def _fahrenheit(name: str, names: list[str]) -> str | None:
@@ -446,7 +451,7 @@ def _fahrenheit(name: str, names: list[str]) -> str | None:
 
 def _known(text: str) -> str | None:
     """A unit as flightcal writes it; null: it is none."""
-    text = _CELSIUS.get(text.strip().lower(), text.strip())
+    text = _CELSIUS.get(text.strip().lower(), re.sub(r"\bm([23])\b", r"m^\1", text.strip()))
     if not re.search(r"[^\W\d_]|%", text):
         return None
     try:

@@ -52,7 +52,10 @@ def identifiability(checked: Checked) -> list[Finding]:
             f"In the least known direction the posterior is {percent(least, 0)} as wide as the prior; "
             f"of the parameters {name} is known least ({percent(width, 0)})."
         )
-        found.insert(0, Finding("good", "The telemetry tells every parameter, and every combination of them", text))
+        title = "The telemetry tells every parameter, and every combination of them"
+        if checked.heat is not None and any(own.matters for own in checked.heat.parameters):
+            title = "Without unmodelled heat the telemetry tells every parameter, and every combination of them"
+        found.insert(0, Finding("good", title, text))
     return found
 
 

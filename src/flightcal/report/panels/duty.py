@@ -13,6 +13,8 @@ from ..run_files import RunFiles
 from ..tables import Cell, Table
 from ..text import percent
 
+_ELSEWHERE: Final = 0.01
+"""Share of the time, by which a heater is otherwise on in the whole window than in the samples of known status."""
 CLOSED: Final = 0.99
 """Probability with which all duty cycles of a right model lie inside."""
 
@@ -34,6 +36,8 @@ class Duty:
     lower: float
     upper: float
     """Ends of the central 95% of what is predicted."""
+    whole: tuple[float, float, float]
+    """Mean and ends of what is predicted of the whole window; the others are of the samples whose status is known."""
     where: Where
     """Of the interval; beside it, as a right model may have one of many, or where it would have none."""
 
@@ -49,21 +53,35 @@ def panel(run: RunFiles) -> list[Block]:
         "Duty cycle: the share of the time that a heater is on. By chance: beside its interval, as one in twenty of a "
         "right model is. Outside: too far off for a right model, all heaters together."
     )
+    if _is_sampled(found):
+        words += (
+            " Measured and predicted: of the samples whose status is known, as of passes. Whole window: of all of its "
+            "time, as an energy budget needs it; it is predicted alone."
+        )
     return [block.table(table(found)), block.text(words)]
 
 
 def table(found: list[Duty]) -> Table:
     """A row for each heater and window."""
-    rows = []
+    rows, sampled = [], _is_sampled(found)
     for own in found:
         verdict: str = "not measured"
         if np.isfinite(own.measured):
             verdict = _CELLS[own.where]
+        mean, lower, upper = own.whole
         rows.append(
             [own.heater, own.window, percent(own.measured), percent(own.mean),
-             f"{percent(own.lower)} to {percent(own.upper)}", verdict]
+             f"{percent(own.lower)} to {percent(own.upper)}",
+             *([f"{percent(mean)} ({percent(lower)} to {percent(upper)})"] if sampled else []), verdict]
         )  # fmt: skip
-    return Table(("heater", "window", "measured", "predicted", "95% interval", "in words"), rows, (2, 3, 4))
+    whole = ("whole window",) if sampled else ()
+    names = ("heater", "window", "measured", "predicted", "95% interval", *whole, "in words")
+    return Table(names, rows, (2, 3, 4, 5) if sampled else (2, 3, 4))
+
+
+def _is_sampled(found: list[Duty]) -> bool:
+    """Whether the samples of known status are not as the whole windows."""
+    return any(abs(own.whole[0] - own.mean) > _ELSEWHERE for own in found)
 
 
 def duties(run: RunFiles) -> list[Duty]:
@@ -82,11 +100,14 @@ def duties(run: RunFiles) -> list[Duty]:
             values = window[name_of].sel(heater=heater).values
             if not np.isfinite(values).any():
                 continue
+            of_window = window["duty_cycle"].sel(heater=heater).values
+            of_window = of_window if np.isfinite(of_window).any() else values
+            whole = float(np.nanmean(of_window)), *np.nanquantile(of_window, [0.025, 0.975]).tolist()
             low, lower, upper, high = np.nanquantile(values, [tail, 0.025, 0.975, 1.0 - tail]).tolist()
             where: Where = "inside"
             if measured < low - resolution or measured > high + resolution:
                 where = "outside"
             elif measured < lower - resolution or measured > upper + resolution:
                 where = "beside"
-            found.append(Duty(name, str(heater), measured, float(np.nanmean(values)), lower, upper, where))
+            found.append(Duty(name, str(heater), measured, float(np.nanmean(values)), lower, upper, whole, where))
     return sorted(found, key=lambda own: ("outside", "beside", "inside").index(own.where))
