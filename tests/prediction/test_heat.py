@@ -121,6 +121,31 @@ def test_after_a_change_of_mode_a_prediction_is_as_unsure_as_its_time(tmp_path_f
     assert unsure[34] > whole[34] + 2.0
 
 
+# --- plans ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_plan_is_predicted_from_the_last_telemetry_on_and_holds(tmp_path_factory):
+    flew = flown(tmp_path_factory.mktemp("flown"), 0.0)
+    content = written()
+    now, begins, ends = (f"2024-03-01T0{at}:00" for at in ("5:00", "5:30", "7:00"))
+    content["windows"]["test"] = {"plan": {"start": begins, "end": ends, "planned": True}}
+    content["telemetry"]["channels"]["sun"]["fill"] = "previous_orbit"
+    known = flew.where(flew["time"] < np.datetime64(now), np.nan)
+    # The Sun's current is planned.
+    data = known.assign(flags=flew["flags"], sun=flew["sun"])
+    found = drawn_of(tmp_path_factory.mktemp("heat"), content, data)
+    ahead = predicted((data, *found), "test.plan")
+    assert ahead["time"].values[0] == np.datetime64("2024-03-01T04:49:00")
+    planned = ahead.sel(time=slice(begins, None))
+    assert not np.isfinite(planned["observed"]).any()
+    truth = flew.sel(time=planned["time"])
+    for channel in ("body_temp", "panel_temp"):
+        own = planned.sel(channel=channel)
+        inside = (truth[channel] > own["lower"]) & (truth[channel] < own["upper"])
+        assert float(inside.mean()) > 0.8, channel
+        assert float((own["upper"] - own["lower"]).mean()) < 6.0
+
+
 # --- from training to what follows --------------------------------------------------------------------------------
 
 

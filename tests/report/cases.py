@@ -150,6 +150,14 @@ def status_is_of_passes(run):
     return dataclasses.replace(right, windows=right.windows | {"test": changed})
 
 
+def with_a_plan(run):
+    """A window of which nothing is measured, beside one that is scored."""
+    right = fitted(run)
+    test = right.windows["test"]
+    nothing = {name: test[name] * np.nan for name in ("observed", "observed_status", "observed_duty_cycle", "coverage")}
+    return dataclasses.replace(right, windows=right.windows | {"test.tomorrow": test.assign(nothing)})
+
+
 def status_is_not_measured(run):
     right = fitted(run)
     windows = {

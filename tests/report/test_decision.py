@@ -26,6 +26,7 @@ from .cases import (
     prior_is_doubtful,
     status_is_not_measured,
     status_is_of_passes,
+    with_a_plan,
 )
 from .packed import drawn, without_scripts
 from .test_browser import dump, needs_browser
@@ -145,6 +146,15 @@ def test_where_the_status_is_that_of_passes_the_whole_window_stands_beside_it(ru
     words = first_screen(status_is_of_passes(run))[0]["duty"]
     assert re.search(r"payload_heater test 100\.0% 100\.0% .*? 33\.3% \(33\.3% to 33\.3%\) ✓ inside", words)
     assert "Whole window: of all of its time" in words
+
+
+def test_of_a_plan_the_extremes_are_told_and_the_verdict_is_that_of_what_is_scored(run):
+    assert "plans" not in first_screen(good(run))[0]
+    words, _ = first_screen(with_a_plan(run))
+    extreme = r"[−\d.]+ \([−\d.]+\) \d\d-\d\d \d\d:\d\d"
+    assert re.search(rf"“test.tomorrow” .* panel_temperature {extreme} {extreme} ", words["plans"])
+    assert "tomorrow" not in words["verdict"]
+    assert words["verdict"].splitlines()[0] == first_screen(good(run))[0]["verdict"].splitlines()[0]
 
 
 def test_the_picture_is_of_the_channel_whose_noise_is_not_what_was_assumed(run):

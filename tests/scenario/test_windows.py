@@ -49,6 +49,7 @@ def findings(folder, windows, **parameter):
         ({"trains": [FIRST, SECOND]}, "windows: missing window 'train'"),
         ({"train": {"a": FIRST, "b": {"start": "2024-03-01T02:00:00"}}}, "windows.train.b: "),
         ({"train": {"a.b": FIRST, "c": SECOND}}, "found the name 'a.b'"),
+        ({"train": FIRST | {"planned": True}}, "windows.train.planned: found true, expected telemetry to train on"),
     ],
 )
 def test_what_is_wrong_with_windows_in_a_group_is_said_in_its_place(tmp_path, windows, message):

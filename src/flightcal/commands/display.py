@@ -142,12 +142,20 @@ def _print_channels(metrics: Sequence[Metric], console: Console) -> None:
     found = by_place(metrics)
     numbers = ("GA best", "stochastic", "to best", "covers", "width")
     table = table_of("RMSE and interval by channel", ("window", "channel"), numbers, overflow="fold")
+    scored: set[str] = set()
     for row in rows:
         place = ("stochastic", row.window, row.channel)
         covers, width = (_score(found.get((*place, name))) for name in ("picp", "mpiw"))
         values = (row.genetic_best, row.stochastic, row.ratio_best)
-        table.add_row(row.window, row.channel, *map(_number, values), covers, width)
+        if any(value is not None for value in values):
+            table.add_row(row.window, row.channel, *map(_number, values), covers, width)
+            scored.add(row.window)
     console.print(table)
+    for window in dict.fromkeys(row.window for row in rows if row.window not in scored):
+        say(
+            console,
+            f"{window}: there is no telemetry to score; what is predicted is in the report and in prediction.nc",
+        )
 
 
 def print_beside(own: Summary, others: Mapping[str, Summary], console: Console | None = None) -> None:

@@ -16,6 +16,9 @@ class Window(Block):
     start: Time
     orbits: Annotated[Number, Field(gt=0, le=1e6)] | None = None
     end: Time | None = None
+    planned: bool = False
+    """Of a time to come, of which there is no telemetry but of drivers that are planned: it is predicted, not scored.
+    Once there is telemetry it is a window like others."""
 
     @model_validator(mode="after")
     def _one_length(self) -> Window:

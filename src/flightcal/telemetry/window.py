@@ -11,6 +11,12 @@ from ..scenario import Window
 from ._flags import Flag
 from .clean import clock_text
 
+_PLAN = ", or 'planned: true' of a time to come"
+_MOST = 5_000
+"""Times of a plan."""
+_RECENT = np.timedelta64(3600, "s")
+"""So long before a plan telemetry may end that tells where its temperatures begin."""
+
 
 def window_bounds(window: Window, period: float | None) -> tuple[np.datetime64, np.datetime64]:
     """Start and end (datetime64[ns], UTC) of `window`; the end belongs to the next one.
@@ -29,10 +35,14 @@ def window_bounds(window: Window, period: float | None) -> tuple[np.datetime64, 
     return start, start + np.timedelta64(round(window.orbits * period * 1e9), "ns")
 
 
-def select_window(dataset: xr.Dataset, window: Window, period: float | None = None, called: str = "") -> xr.Dataset:
+def select_window(
+    dataset: xr.Dataset, window: Window, period: float | None = None, called: str = "", *, lead: float = 0.0
+) -> xr.Dataset:
     """The samples of `dataset` with start <= time < end.
 
-    Of several packets, times at which there are samples of drivers only are left out.
+    Of several packets, times at which there are samples of drivers only are left out. A planned window of which there
+    is no temperature has times as far apart as these are, and no valid sample but for the last `lead` s of telemetry
+    that ends just before it.
 
     period: orbital period, s; default: that of the dataset. called: what the scenario calls it, for errors. Raises
     TelemetryError when the window lies, even partly, outside the telemetry or outside one of its packets, or holds no
@@ -41,9 +51,12 @@ def select_window(dataset: xr.Dataset, window: Window, period: float | None = No
     start, end = window_bounds(window, period or dataset.attrs.get("period_s"))
     times = dataset["time"].to_numpy()
     name = f"window {f'{called}, ' if called else ''}{clock_text(start)} to {clock_text(end)}"
+    read = times[_read(dataset)]
+    if window.planned and not np.any((read >= start) & (read < end)):
+        return _planned(dataset, start, end, read, lead)
+    sampled = _sampled(dataset)
     for packet, own in _packets(dataset).items():
         _check_within(times[own], start, end, name, packet)
-    sampled = _sampled(dataset)
     selected = dataset.isel(time=(times >= start) & (times < end) & sampled)
     if selected.sizes["time"] == 0:
         times = times[sampled]
@@ -56,11 +69,35 @@ def select_window(dataset: xr.Dataset, window: Window, period: float | None = No
     return selected
 
 
+def _planned(
+    dataset: xr.Dataset, start: np.datetime64, end: np.datetime64, read: NDArray[np.datetime64], lead: float
+) -> xr.Dataset:
+    """A window without telemetry, after the last `lead` s of it where that is recent; read: when temperatures are."""
+    usual = np.median(np.diff(read)) if len(read) > 1 else np.timedelta64(0, "s")
+    inside = np.arange(start, end, max(usual, (end - start) // _MOST, np.timedelta64(1, "s")))
+    flags = np.full((len(inside), dataset.sizes["channel"]), Flag.MISSING, np.uint8)
+    empty = {name: ("time", np.full(len(inside), np.nan)) for name in dataset["channel"].to_numpy()}
+    made = dataset.drop_dims("time").assign_coords(time=inside).assign(empty)
+    made = made.assign(flags=(("time", "channel"), flags)).assign_attrs(dataset.attrs)
+    before = read[read < start]
+    if lead and len(before) and start - before[-1] <= _RECENT:
+        begun = dataset.sel(time=before[before >= before[-1] - np.timedelta64(round(lead * 1e9), "ns")])
+        made = xr.concat([begun, made], "time", combine_attrs="override")
+    return made
+
+
 def _packets(dataset: xr.Dataset) -> dict[str, NDArray[np.bool_]]:
     """Which times [T] are those of each packet."""
     flags = dataset["flags"].to_numpy()
     channels = {str(dataset[name].attrs.get("packet", "")): i for i, name in enumerate(dataset["channel"].to_numpy())}
     return {packet: flags[:, i] & Flag.OTHER_PACKET == 0 for packet, i in channels.items()}
+
+
+def _read(dataset: xr.Dataset) -> NDArray[np.bool_]:
+    """Times [T] with a valid temperature."""
+    names = [name for name in dataset["channel"].to_numpy() if dataset[name].attrs.get("kind") == "temperature"]
+    found = [np.isfinite(dataset[name].to_numpy()) for name in names]
+    return np.any(found, axis=0) if found else np.zeros(dataset.sizes["time"], bool)
 
 
 def _sampled(dataset: xr.Dataset) -> NDArray[np.bool_]:
@@ -78,6 +115,6 @@ def _check_within(
     of = f" of packet '{packet}'" if packet else ""
     span = f"{'it' if packet else 'telemetry'} runs from {clock_text(times[0])} to {clock_text(times[-1])}"
     if end <= times[0] or start > times[-1]:
-        raise TelemetryError(f"{name}: found no telemetry{of}, expected a window within it; {span}")
+        raise TelemetryError(f"{name}: found no telemetry{of}, expected a window within it{_PLAN}; {span}")
     if start < times[0] - slack or end > times[-1] + slack:
         raise TelemetryError(f"{name}: found telemetry{of} in a part of it only, expected a window within it; {span}")

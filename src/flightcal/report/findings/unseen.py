@@ -39,6 +39,8 @@ def holding(run: RunFiles) -> Finding:
         text = "The scenario has no window that was not trained on: nothing says how well it predicts unseen telemetry."
         then = "Add a window: windows: {test: {start: ..., end: ...}}"
         return Finding("none", "No unseen telemetry", text, not_for=("windows that it was not trained on",), then=then)
+    # A plan has nothing to be scored by.
+    judged = {name: held for name, held in judged.items() if np.isfinite(held.coverage).any()} or judged
     windows = {name: run.windows[name] for name in judged}
     failed: dict[str, None] = {}
     channels: dict[str, None] = {}

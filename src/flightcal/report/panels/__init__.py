@@ -9,7 +9,7 @@ from typing import Final
 from ..block import Part, Section
 from ..run_files import RunFiles
 
-FIRST: Final = ("calibrated", "picture", "duty")
+FIRST: Final = ("calibrated", "picture", "duty", "plans")
 """What stands under the verdict."""
 
 PARTS: Final = (

@@ -9,11 +9,11 @@ import numpy as np
 
 from .. import block
 from ..block import Block, section
-from ..run_files import RunFiles
+from ..run_files import RunFiles, is_plan
 from ..tables import Cell, Table
 from ..text import percent
 
-_ELSEWHERE: Final = 0.01
+_ELSEWHERE: Final = 0.02
 """Share of the time, by which a heater is otherwise on in the whole window than in the samples of known status."""
 CLOSED: Final = 0.99
 """Probability with which all duty cycles of a right model lie inside."""
@@ -87,14 +87,16 @@ def _is_sampled(found: list[Duty]) -> bool:
 def duties(run: RunFiles) -> list[Duty]:
     """Of each heater and window that was not trained on, those that are outside first."""
     windows = {name: window for name, window in run.test_windows.items() if "duty_cycle" in window}
-    count = sum(int(np.isfinite(window["observed_duty_cycle"].values).sum()) for window in windows.values())
+    known = [window["observed_duty_cycle"].values for window in windows.values() if not is_plan(window)]
+    count = sum(int(np.isfinite(own).sum()) for own in known)
     # All duty cycles together leave their bands by chance once in a hundred times.
     tail = 0.5 * (1.0 - CLOSED ** (1.0 / max(count, 1)))
     found = []
     for name, window in windows.items():
         resolution = 1.0 / max(window.sizes["time"], 1)
         for heater in window["heater"].values:
-            measured = float(window["observed_duty_cycle"].sel(heater=heater))
+            # What is known of a plan is how it begins.
+            measured = np.nan if is_plan(window) else float(window["observed_duty_cycle"].sel(heater=heater))
             # Without a status it is that of the whole window, and of the samples of known status with one.
             name_of = "sampled_duty_cycle" if np.isfinite(measured) else "duty_cycle"
             values = window[name_of].sel(heater=heater).values

@@ -26,6 +26,9 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     if "windows" in reading.document.data and not trained:
         message = f"missing window 'train', expected the stretch to calibrate on{did_you_mean('train', blocks.windows)}"
         yield Problem(("windows",), message)
+    for name in trained:
+        if name in readable(blocks.windows) and readable(blocks.windows)[name].planned:
+            yield Problem(("windows", name, "planned"), "found true, expected telemetry to train on: no plan")
     environment = blocks.environment
     if environment is None:
         return
