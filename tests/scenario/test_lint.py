@@ -357,3 +357,13 @@ def test_a_network_in_which_nothing_holds_heat_is_refused(tmp_path):
         written["simulator"]["nodes"][node] = {"arithmetic": True}
     with pytest.raises(ScenarioError, match="nodes: found no node with a capacity"):
         small.load(tmp_path, written)
+
+
+def test_a_conductor_that_is_called_the_other_way_round_is_told_how_it_is_called(lint_edited):
+    found = lint_edited(
+        ("sets: conductors.battery-radiator.conductance", "sets: conductors.radiator-battery.conductance")
+    )
+    assert any(
+        "found 'conductors.radiator-battery.conductance', expected 'conductors.battery-radiator.conductance'" in text
+        for text in found
+    )

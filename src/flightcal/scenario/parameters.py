@@ -177,5 +177,8 @@ def _unknown_path(path: str, numbers: Mapping[str, Settable], blocks: Blocks) ->
     if section == "inputs" and blocks.external is not None and rest in blocks.external.inputs:
         wanted = "another input: every window's initial temperatures are estimated, 'initial_state' is their prior"
         return f"found {path!r}, expected {wanted}"
+    turned = f"conductors.{'-'.join(reversed(name.split('-')))}.{field}"
+    if section == "conductors" and turned in numbers:
+        return f"found {path!r}, expected {turned!r}: a conductor's nodes in the order in which its 'between' has them"
     like = next(iter(numbers), "inputs.link" if blocks.external else "nodes.battery.capacity")
     return f"unknown path {path!r}, expected one such as {like!r}{did_you_mean(path, numbers)}"

@@ -43,9 +43,11 @@ _SWUNG = np.deg2rad((-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0
 """rad, by which the direction of a spin is turned about an inertial axis."""
 _PHASES, _TURNS = 30.0, 24
 """deg, by which a body that spins at another rate may be turned; ways in which it may."""
-_OF_ORBIT, _FINELY, _CLEARLY = 4.0, 8, 30.0
-"""Turns in an orbit from which a rhythm is no orbit's; rates that are looked at to one turn in the window; times the
-usual power that a spin has."""
+_OF_ORBIT, _OTHERWISE, _FINELY, _CLEARLY = 4.0, 4.0, 8, 30.0
+"""Turns in an orbit from which a rhythm is no orbit's; times the rate that is written, up to which one is looked for;
+rates that are looked at to one turn in the window; times the usual power that a spin has."""
+_FEWEST, _WORK = 50, 2e7
+"""Samples that have a rhythm; samples times rates: of more, the beginning tells it."""
 _NAMED, _SELDOM = 2.0, 150.0
 """Attitudes that have a name, and others, each of which is ten times as seldom."""
 _Axis = tuple[float, float, float]
@@ -206,8 +208,8 @@ def _turning(
         words = Words(
             f"The satellite turns once in {number(period, 4)} s",
             f"With a period of {number(period, 4)} s, sunlight and Earth's heat explain the telemetry.",
-            f"Write 'period: {number(period, 4)} s', 'phase: {phase % 360.0:.0f} deg' and 'epoch: "
-            f"{begun.isoformat(timespec='seconds')}' in 'environment: attitude'",
+            f"Write 'period: {number(period, 6)} s', 'phase: {phase % 360.0:.0f} deg' and 'epoch: {begun.isoformat()}' "
+            "in 'environment: attitude'",
         )
 
         def near(phase: float = phase) -> Iterator[Wrong]:
@@ -225,17 +227,22 @@ def _rhythm(view: View, written: float) -> float | None:
 
     By Lomb's and Scargle's periodogram, of what is too fast to come from the orbit.
     """
-    window = view.window
-    seconds = (window.times - window.start) / np.timedelta64(1, "ns") * 1e-9
-    long = seconds[-1] - seconds[0]
-    fastest = 0.5 / float(np.median(np.diff(seconds)))
-    rates = np.arange(_OF_ORBIT / window.period, fastest, 1.0 / (_FINELY * long))
-    if len(rates) < _FINELY * _OF_ORBIT:
+    window, count = view.window, len(view.window.times)
+    while count > _FEWEST:
+        seconds = (window.times[:count] - window.start) / np.timedelta64(1, "ns") * 1e-9
+        long = seconds[-1] - seconds[0]
+        fastest = min(_OTHERWISE / written, 0.5 / float(np.median(np.diff(seconds))))
+        slowest = max(1.0 / (_OTHERWISE * written), _OF_ORBIT / window.period)
+        rates = np.arange(slowest, fastest, 1.0 / (_FINELY * long))
+        if count * len(rates) <= _WORK:
+            break
+        count //= 2
+    if count <= _FEWEST or len(rates) < _FINELY * _OF_ORBIT:
         return None
     power = np.zeros(len(rates))
-    for observed in window.observed.T:
+    for observed in window.observed[:count].T:
         known = np.isfinite(observed)
-        if known.sum() > _FINELY and np.ptp(observed[known]) > 0.0:
+        if known.sum() > _FEWEST and np.ptp(observed[known]) > 0.0:
             found = lombscargle(seconds[known], observed[known], 2.0 * np.pi * rates, floating_mean=True)
             power += found / np.var(observed[known]) / known.sum()
     best = int(np.argmax(power))
