@@ -56,6 +56,9 @@ def open_for(
     inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
     content = _bound(scenario)
     windows = {name: window for name, window in content.pop("windows").items() if is_trained(name)}
+    for window in windows.values():
+        # No window to train on is planned, and runs from before there were plans stay what they are.
+        del window["planned"]
     parts = {"the windows to train on": hash_of(windows), **more}
     if trained is None:
         parts[f"the telemetry and other {INPUT_FILES}"] = hash_of(sorted(inputs.values()))

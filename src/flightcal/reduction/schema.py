@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ..operational import Command
-from ..scenario import Block, Calibration, Count, Duration, Kelvins, Number, Quantity, Window
+from ..scenario import Block, Calibration, Count, Duration, Kelvins, Number, Quantity, Stretch, Window
 
 
-class FlightWindow(Window):
+class FlightWindow(Stretch):
     """A stretch of flight that is simulated, and the mode changes in it."""
 
     timeline: tuple[Command, ...] | None = None

@@ -105,4 +105,4 @@ from .units import (
     to_si,
     written_unit,
 )
-from .windows import Window, is_trained
+from .windows import Stretch, Window, is_trained

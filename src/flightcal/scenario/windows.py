@@ -10,22 +10,27 @@ from .document import Location
 from .fields import Block, Number, Time, exactly_one
 
 
-class Window(Block):
-    """A stretch of telemetry: start and either a number of orbits or an end."""
+class Stretch(Block):
+    """A stretch of time: start and either a number of orbits or an end."""
 
     start: Time
     orbits: Annotated[Number, Field(gt=0, le=1e6)] | None = None
     end: Time | None = None
-    planned: bool = False
-    """Of a time to come, of which there is no telemetry but of drivers that are planned: it is predicted, not scored.
-    Once there is telemetry it is a window like others."""
 
     @model_validator(mode="after")
-    def _one_length(self) -> Window:
+    def _one_length(self) -> Stretch:
         exactly_one(self, ("orbits", "end"), "exactly one of 'orbits' and 'end'")
         if self.end is not None and self.end <= self.start:
             raise ValueError(f"found end {self.end.isoformat()}, expected one after {self.start.isoformat()}")
         return self
+
+
+class Window(Stretch):
+    """A stretch of telemetry."""
+
+    planned: bool = False
+    """Of a time to come, of which there is no telemetry but of drivers that are planned: it is predicted, not scored.
+    Once there is telemetry it is a window like others."""
 
 
 def is_trained(window: str) -> bool:

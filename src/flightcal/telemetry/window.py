@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
-from ..scenario import Window
+from ..scenario import Stretch, Window, is_trained
 from ._flags import Flag
 from .clean import clock_text
 
@@ -18,7 +18,7 @@ _RECENT = np.timedelta64(3600, "s")
 """So long before a plan telemetry may end that tells where its temperatures begin."""
 
 
-def window_bounds(window: Window, period: float | None) -> tuple[np.datetime64, np.datetime64]:
+def window_bounds(window: Stretch, period: float | None) -> tuple[np.datetime64, np.datetime64]:
     """Start and end (datetime64[ns], UTC) of `window`; the end belongs to the next one.
 
     period: orbital period, s, for a window that counts orbits. Raises TelemetryError where that lacks it.
@@ -56,7 +56,7 @@ def select_window(
         return _planned(dataset, start, end, read, lead)
     sampled = _sampled(dataset)
     for packet, own in _packets(dataset).items():
-        _check_within(times[own], start, end, name, packet)
+        _check_within(times[own], start, end, name, packet, "" if is_trained(called) else _PLAN)
     selected = dataset.isel(time=(times >= start) & (times < end) & sampled)
     if selected.sizes["time"] == 0:
         times = times[sampled]
@@ -109,12 +109,12 @@ def _sampled(dataset: xr.Dataset) -> NDArray[np.bool_]:
 
 
 def _check_within(
-    times: NDArray[np.datetime64], start: np.datetime64, end: np.datetime64, name: str, packet: str
+    times: NDArray[np.datetime64], start: np.datetime64, end: np.datetime64, name: str, packet: str, plan: str
 ) -> None:
     slack = np.median(np.diff(times)) if len(times) > 1 else np.timedelta64(0, "ns")
     of = f" of packet '{packet}'" if packet else ""
     span = f"{'it' if packet else 'telemetry'} runs from {clock_text(times[0])} to {clock_text(times[-1])}"
     if end <= times[0] or start > times[-1]:
-        raise TelemetryError(f"{name}: found no telemetry{of}, expected a window within it{_PLAN}; {span}")
+        raise TelemetryError(f"{name}: found no telemetry{of}, expected a window within it{plan}; {span}")
     if start < times[0] - slack or end > times[-1] + slack:
         raise TelemetryError(f"{name}: found telemetry{of} in a part of it only, expected a window within it; {span}")
