@@ -84,7 +84,7 @@ def _drawn(told: _Told, rng: np.random.Generator) -> FloatArray:
     draws, count = len(told.base), len(told.priors.names)
     scores = np.tile(_likeliest(told, np.arange(min(draws, _OF_DRAWS)), count), (draws, 1))
     for _ in range(_ROUNDS):
-        # What one of them is known well by keeps no other where it is.
+        # If all moved as one, a threshold that is known well would hold the others where they are.
         for moved in (*np.eye(count, dtype=bool), np.ones(count, bool)):
             _turn(told, scores, moved, rng)
     return told.values(scores)
@@ -131,7 +131,7 @@ class _Told:
         self.priors = Priors(tuple(names), tuple(problem.entries[problem.names.index(name)].prior for name in names))
         self.of_heaters = list(zip(*of_windows, strict=True))
         self.scatter = log_prior_of_scatter(window, np.median(inside, axis=0))
-        # Thresholds are straight in the parameters that set or scale them.
+        # Thresholds are straight in the parameters that set them.
         columns = [network.names.index(name) for name in names]
         simulated = inside[:, window.simulated]
         simulated[:, columns] = 0.0

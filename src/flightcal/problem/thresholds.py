@@ -99,7 +99,7 @@ def passages(window: Window, thetas: FloatArray, heat: FloatArray | None, shifts
     shifts: [S, E] s by which each switch of its `switching` made a heater's time on longer than midway does.
     """
     assert window.network is not None
-    simulator = looking(window.network)
+    simulator = _looking(window.network)
     runs = simulator.simulate_many(thetas[:, window.simulated], heat)
     seconds, held = simulator.observation.times, pinned_heaters(window.scenario)
     nothing = np.full((len(seconds), len(simulator.heaters)), np.nan)
@@ -141,7 +141,7 @@ def usual_scatter(window: Window, theta: FloatArray) -> FloatArray:
     return np.array(found)
 
 
-def looking(simulator: NetworkSimulator) -> NetworkSimulator:
+def _looking(simulator: NetworkSimulator) -> NetworkSimulator:
     """The simulator as its thermostats' sensors see it: what channels' errors are is nothing to them."""
     errors, mapping = simulator.channel_errors, simulator.mapping
     written = mapping.written.copy()

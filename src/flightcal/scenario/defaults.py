@@ -131,7 +131,7 @@ def uncertain_thermostats(scenario: Scenario) -> set[str]:
 
 
 def threshold_parameters(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the parameters that set or scale a threshold."""
+    """Names of the parameters that set a threshold."""
     return tuple(name for name, own in scenario.parameters.items() if any(map(_is_threshold, own.targets)))
 
 
