@@ -216,3 +216,17 @@ def test_an_area_in_square_centimetres_is_named_as_such(tmp_path):
     written["simulator"]["faces"]["back"]["area"] = "400 m^2"
     scenario, _ = small.load(tmp_path, written)
     assert named(scenario, data)[0].title.startswith("faces.back.area is 10000 times")
+
+
+@pytest.mark.parametrize(("flown", "written"), [("4 K", "4 degC"), ("20 degC", "20 K")])
+def test_a_node_that_is_held_in_another_unit_is_named_with_the_right_one(tmp_path, flown, written):
+    content = small.content()
+    content["simulator"]["nodes"]["space"]["boundary"] = flown
+    _, data = small.closed_loop(tmp_path, content)
+    content["simulator"]["nodes"]["space"]["boundary"] = written
+    scenario, _ = small.load(tmp_path, content)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("number", "nodes.space.boundary")
+    value, unit = flown.split()
+    assert f"{float(value):.3g}"[0] in first.advice
+    assert f" {unit}' in 'nodes.space.boundary'" in first.advice

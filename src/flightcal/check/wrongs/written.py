@@ -12,7 +12,7 @@ import numpy as np
 from ...problem import PIN
 from ...report import listed, number
 from ...scenario import OF_EARTH_AND_SUN, Environment
-from ...simulator import FloatArray
+from ...simulator import ICE_POINT, FloatArray
 from ..evidence import Fit
 from ..view import NO_LINK, SHARES, Moved, View
 from .wrong import AROUND, FACTORS, FEW_TIMES, Words, Wrong
@@ -46,6 +46,8 @@ _MOST_OF_PARTS = 12
 """so many at most."""
 _MOST_HELD = 10.0
 """Of the heat that all other nodes hold, what one may hold."""
+_COLDEST, _HOTTEST = 2.0, 600.0
+"""K, between which nodes are held."""
 _FAR = 4.0
 """Deviations of its prior, from which a parameter is far off."""
 
@@ -142,6 +144,29 @@ def _holds_too_much(view: View, changed: FloatArray) -> bool:
         return float(numbers[places].max(initial=0.0)) / others if others > 0.0 else np.inf
 
     return most(changed) > max(_MOST_HELD, most(view.numbers))
+
+
+def boundaries(view: View) -> Iterator[Wrong]:
+    """A node is held at a temperature that was written in another unit, as deep space at 3 degC."""
+    mapping, paths = view.network.mapping, view.network.network.paths
+    known = set(mapping.set_positions.tolist())
+    places = [k for k, path in enumerate(paths) if path.endswith(".boundary") and PIN not in path and k not in known]
+    for k in places:
+        written = float(mapping.written[k])
+        for value, wrong, right in (
+            (written - ICE_POINT, f"{number(written - ICE_POINT, 3)} degC", f"{number(written - ICE_POINT, 3)} K"),
+            (written + ICE_POINT, f"{number(written, 3)} K", f"{number(written, 3)} degC"),
+        ):
+            if not _COLDEST <= value <= _HOTTEST:
+                continue
+            changed = mapping.written.copy()
+            changed[k] = value
+            words = Words(
+                f"{paths[k]} is {right}, not {wrong}",
+                f"With {right} the model explains the telemetry.",
+                f"Write '{right}' in '{paths[k]}'",
+            )
+            yield Wrong("number", paths[k], words, window=view.with_numbers(changed), tries=2.0 * len(places))
 
 
 def coatings(view: View) -> Iterator[Wrong]:
@@ -342,5 +367,5 @@ def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) ->
     return entries, tuple(written.tolist())
 
 
-WRONGS = (numbers, coatings, left_out, exchanged, priors, other_priors)
+WRONGS = (numbers, boundaries, coatings, left_out, exchanged, priors, other_priors)
 """What looks for them."""
