@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from .network import Network
 from .simulate import NetworkSimulator
@@ -51,21 +52,19 @@ def _in_balance(
 ) -> FloatArray | None:
     """Temperatures [f] of free states at which nothing heats them, from states [n], inputs [q] and heaters [H]."""
     count = len(begun)
-    linear, radiative, quadratic = (np.zeros((count, count)) for _ in range(3))
-    rows = [
-        np.repeat(np.arange(count), np.diff(start)) for start in (structure.linear_start, structure.radiative_start)
-    ]
-    linear[rows[0], structure.linear_column] = system.linear
-    radiative[rows[1], structure.radiative_column] = system.radiative
-    quadratic[structure.quadratic_row, structure.quadratic_column] = system.quadratic
+    linear = csr_array((system.linear, structure.linear_column, structure.linear_start), (count, count))
+    radiative = csr_array((system.radiative, structure.radiative_column, structure.radiative_start), (count, count))
+    places = structure.quadratic_row, structure.quadratic_column
+    quadratic = csr_array((system.quadratic, places), (count, count))
+    linear, radiative, quadratic = linear[free], radiative[free], quadratic[free]
     forcing = np.bincount(structure.forcing_row, system.forcing * inputs[structure.forcing_column], count)
     forcing += np.bincount(structure.heating_row, system.heating * on[structure.heating_heater], count)
-    x, own = begun.copy(), np.ix_(free, free)
+    x = begun.copy()
     for _ in range(_STEPS):
-        heat = (linear @ x + radiative @ x**4 + quadratic @ x**2 + forcing)[free]
-        slope = (linear + 4.0 * radiative * x**3 + 2.0 * quadratic * x)[own]
+        heat = linear @ x + radiative @ x**4 + quadratic @ x**2 + forcing[free]
+        slope = linear[:, free] + 4.0 * radiative[:, free] * x[free] ** 3 + 2.0 * quadratic[:, free] * x[free]
         try:
-            step = -np.linalg.solve(slope, heat)
+            step = -np.linalg.solve(slope.toarray(), heat)
         except np.linalg.LinAlgError:
             return None
         step = np.clip(step, -_FARTHEST * x[free], _FARTHEST * x[free])

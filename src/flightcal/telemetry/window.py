@@ -51,9 +51,10 @@ def select_window(
     start, end = window_bounds(window, period or dataset.attrs.get("period_s"))
     times = dataset["time"].to_numpy()
     name = f"window {f'{called}, ' if called else ''}{clock_text(start)} to {clock_text(end)}"
-    read = times[_read(dataset)]
-    if window.planned and not np.any((read >= start) & (read < end)):
-        return _planned(dataset, start, end, read, lead)
+    if window.planned:
+        read = times[_read(dataset)]
+        if not np.any((read >= start) & (read < end)):
+            return _planned(dataset, start, end, read, lead)
     sampled = _sampled(dataset)
     for packet, own in _packets(dataset).items():
         _check_within(times[own], start, end, name, packet, "" if is_trained(called) else _PLAN)

@@ -87,16 +87,18 @@ def _is_sampled(found: list[Duty]) -> bool:
 def duties(run: RunFiles) -> list[Duty]:
     """Of each heater and window that was not trained on, those that are outside first."""
     windows = {name: window for name, window in run.test_windows.items() if "duty_cycle" in window}
-    known = [window["observed_duty_cycle"].values for window in windows.values() if not is_plan(window)]
-    count = sum(int(np.isfinite(own).sum()) for own in known)
+    # What is known of a plan is how it begins.
+    observed = {
+        name: window["observed_duty_cycle"] * (np.nan if is_plan(window) else 1.0) for name, window in windows.items()
+    }
+    count = sum(int(np.isfinite(own.values).sum()) for own in observed.values())
     # All duty cycles together leave their bands by chance once in a hundred times.
     tail = 0.5 * (1.0 - CLOSED ** (1.0 / max(count, 1)))
     found = []
     for name, window in windows.items():
         resolution = 1.0 / max(window.sizes["time"], 1)
         for heater in window["heater"].values:
-            # What is known of a plan is how it begins.
-            measured = np.nan if is_plan(window) else float(window["observed_duty_cycle"].sel(heater=heater))
+            measured = float(observed[name].sel(heater=heater))
             # Without a status it is that of the whole window, and of the samples of known status with one.
             name_of = "sampled_duty_cycle" if np.isfinite(measured) else "duty_cycle"
             values = window[name_of].sel(heater=heater).values
