@@ -22,6 +22,7 @@ from flightcal.commands.calibrate import run_demo, run_experiment
 from flightcal.commands.display import print_verdict
 from flightcal.commands.simulate import simulate_to_csv
 from flightcal.errors import FlightcalError, RunError
+from flightcal.prediction import simulator_errors
 from flightcal.report import write_report
 from flightcal.scenario import lint, load_scenario, settable
 from tests import small
@@ -82,7 +83,7 @@ def test_metrics_cover_every_method_and_window(finished):
     _, run, summary = finished
     records = json.loads((run / "metrics.json").read_text())
     found = {(record["method"], record["window"]) for record in records if record["metric"] == "rmse"}
-    methods = {"uncalibrated", "poorly_calibrated", "genetic", "genetic_best", "stochastic"}
+    methods = {"uncalibrated", "poorly_calibrated", "genetic", "genetic_best", "calibrated", "stochastic"}
     assert found == {(method, window) for method in methods for window in ("train", "test")}
     assert len(summary.metrics) == len(records)
 
@@ -183,6 +184,22 @@ def test_the_calibrated_scenario_runs_as_it_is(finished, tmp_path):
     )
     assert before > 0.3
     assert after < 0.12
+
+
+def test_what_the_calibrated_numbers_alone_are_worth_is_that_of_a_simulation_of_the_file_and_told(finished, tmp_path):
+    _, run, summary = finished
+    scores = {(m.method, m.window, m.channel): m.value for m in summary.metrics if m.metric == "rmse"}
+    simulated = simulate_to_csv(run / "calibrated.yaml", "train", [], tmp_path / "out.csv")
+    for channel in ("body_temp", "panel_temp"):
+        (line,) = (line for line in simulated if line.startswith(f"{channel}: RMSE "))
+        assert float(line.split()[2]) == pytest.approx(scores["calibrated", "train", channel], abs=1.5e-3)
+    (error,) = simulator_errors(summary.metrics)
+    methods = ("uncalibrated", "calibrated", "stochastic")
+    found = (error.window, error.before, error.calibrated, error.predicted)
+    assert found == ("test", *(scores[method, "test", "all"] for method in methods))
+    assert f"# {error}\n" in (run / "calibrated.yaml").read_text()
+    shown = CliRunner().invoke(app, ["show", str(run)], env={"COLUMNS": "300"})
+    assert str(error) in shown.output
 
 
 def test_draws_are_what_arviz_reads(finished):

@@ -8,8 +8,9 @@ import xarray as xr
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from flightcal.prediction import Metric, comparison_table, score
+from flightcal.prediction import Metric, comparison_table, score, simulator_errors
 from flightcal.prediction.metrics import (
+    SimulatorError,
     crps_of_draws,
     log_score_normal,
     mape_celsius,
@@ -243,3 +244,17 @@ def test_comparison_stands_one_missing_method(prediction):
     rows = comparison_table(score(prediction.sel({"by": ["genetic"]}), "test"))
     assert rows[0].stochastic is None
     assert rows[0].ratio is None
+
+
+def test_what_the_calibrated_numbers_alone_are_worth_is_told_of_unseen_windows_with_telemetry():
+    errors = {
+        ("train", "calibrated"): 0.1, ("test", "uncalibrated"): 3.0, ("test", "calibrated"): 0.5,
+        ("test", "stochastic"): 0.25, ("plan", "uncalibrated"): None, ("plan", "calibrated"): None,
+        ("plan", "stochastic"): None,
+    }  # fmt: skip
+    metrics = [Metric(method, window, "all", "rmse", value, "K") for (window, method), value in errors.items()]
+    assert simulator_errors(metrics) == [SimulatorError("test", 3.0, 0.5, 0.25)]
+    assert str(simulator_errors(metrics)[0]) == (
+        "test: RMSE 3 K before, 0.5 K simulated with the calibrated numbers alone, 0.25 K as this run predicts"
+    )
+    assert simulator_errors(metrics[:3]) == []

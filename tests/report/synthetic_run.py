@@ -20,7 +20,7 @@ from flightcal.report.run_files import RunFiles
 
 CHANNELS = ["panel_temperature", "battery_temperature", "payload_temperature"]
 HEATERS = ["battery_heater", "payload_heater"]
-METHODS = ["uncalibrated", "poorly_calibrated", "genetic", "genetic_best", "stochastic"]
+METHODS = ["uncalibrated", "poorly_calibrated", "genetic", "genetic_best", "calibrated", "stochastic"]
 PERIOD = 5_800.0
 STEP = 40.0
 LOAD = 40.0
@@ -104,6 +104,7 @@ def write_synthetic_run(folder: Path, seed: int = 1, orbits: float = 2.0, draws:
         "poorly_calibrated": truth + 0.12 * (high - low) * rng.choice([-1, 1], truth.size),
         "genetic": genetic["mean_theta"].values,
         "genetic_best": genetic["best_theta"].values,
+        "calibrated": posterior.mean(axis=(0, 1))[: truth.size],
     }
     groups = {}
     for index, name in enumerate(["train", "test"]):

@@ -117,10 +117,10 @@ def test_heaters_compare_the_posterior_with_telemetry(run):
     table = heaters.against_telemetry({"test": run.windows["test"]})
     window = run.windows["test"]
     duty = 100 * float(window["duty_cycle"].sel(heater="battery_heater").mean())
-    assert float(table.rows[0][8].split(" ")[0]) == pytest.approx(duty, rel=1e-3)
+    assert float(table.rows[0][9].split(" ")[0]) == pytest.approx(duty, rel=1e-3)
     assert column(table, "telemetry within 95%?").count("✓ yes") == 6
     shifted = window.assign(observed_switch_count=window["observed_switch_count"] + 9)
-    assert heaters.against_telemetry({"test": shifted}).rows[2][9] == "✕ no"
+    assert heaters.against_telemetry({"test": shifted}).rows[2][10] == "✕ no"
 
 
 def test_a_duty_cycle_is_held_to_telemetry_on_the_same_samples_and_the_whole_stands_beside(run):
@@ -133,16 +133,16 @@ def test_a_duty_cycle_is_held_to_telemetry_on_the_same_samples_and_the_whole_sta
     known, whole = heaters.against_telemetry({"test": gaps}).rows[:2]
     plain = heaters.against_telemetry({"test": window}).rows
     assert (known[2], whole[2]) == ("duty cycle where the status is known, %", "duty cycle of the whole window, %")
-    assert (known[9], whole[9]) == ("✓ yes", "–")
+    assert (known[10], whole[10]) == ("✓ yes", "–")
     assert whole[3] == "unknown for 6.0%"
-    assert whole[8] == plain[1][8] == plain[0][8] != known[8]
+    assert whole[9] == plain[1][9] == plain[0][9] != known[9]
     unlike = window.assign(observed_duty_cycle=window["observed_duty_cycle"] + 0.1)
-    assert heaters.against_telemetry({"test": unlike}).rows[0][9] == "✕ no"
+    assert heaters.against_telemetry({"test": unlike}).rows[0][10] == "✕ no"
 
 
 def test_heaters_compare_every_method_with_telemetry(run):
     table = heaters.against_telemetry({"test": run.windows["test"]})
-    assert table.header[3:8] == ("telemetry", "uncal.", "poorly cal.", "GA mean", "GA best")
+    assert table.header[3:9] == ("telemetry", "uncal.", "poorly cal.", "GA mean", "GA best", "numbers alone")
     duty = run.windows["test"]["point_duty_cycle"].sel({"by": "genetic_best", "heater": "payload_heater"})
     assert float(table.rows[4][7]) == pytest.approx(100 * float(duty), rel=6e-3)
 
@@ -157,7 +157,7 @@ def test_energy_of_telemetry_is_its_duty_cycle_at_the_simulated_power(run):
 def test_heaters_without_simulations_still_have_telemetry_and_the_genetic_algorithm(run):
     bare = run.windows["test"].drop_dims("simulation")
     rows = heaters.against_telemetry({"test": bare}).rows
-    assert {row[8] for row in rows} == {"–"}
+    assert {row[9] for row in rows} == {"–"}
     assert np.isfinite([float(row[6]) for row in rows]).all()
 
 

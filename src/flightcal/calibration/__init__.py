@@ -22,7 +22,13 @@ from .heat_file import heat_content, with_kept_heat
 from .methods import calibrate_nuts
 from .mode import climb, find_mode
 from .nuts import sample_problem
-from .optimisation import calibrate_genetic, genetic_points, genetic_run_points, with_residual_noise
+from .optimisation import (
+    calibrate_genetic,
+    genetic_points,
+    genetic_run_points,
+    posterior_mean,
+    with_residual_noise,
+)
 from .posterior import Posterior, mean_and_some, some_of, thetas_of
 from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated, read_fixed_numbers
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm

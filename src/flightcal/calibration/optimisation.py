@@ -12,6 +12,7 @@ from ..run import labelled
 from ..scenario import GeneticSettings
 from ..simulator import FloatArray
 from .genetic import minimise
+from .posterior import thetas_of
 from .table import EACH
 
 _SEARCH_BOX = 0.998
@@ -119,6 +120,15 @@ def genetic_run_points(problem: Problem, runs: xarray.Dataset) -> dict[str, Floa
     """
     succeeded = np.flatnonzero(np.isfinite(runs["rmse"].values))
     return {f"genetic_run_{k + 1}": _whole_point(problem, runs["best"].isel(run=k)) for k in succeeded}
+
+
+def posterior_mean(problem: Problem, posterior: xarray.DataTree) -> FloatArray:
+    """The posterior's mean, theta [d], as a point estimate: what calibrated.yaml has. ``noise.*`` as in
+    `genetic_points`.
+
+    problem: without unmodelled heat, whose posterior may have it.
+    """
+    return with_residual_noise(problem, thetas_of(posterior, problem.names).mean(axis=0))
 
 
 def _whole_point(problem: Problem, values: xarray.DataArray) -> FloatArray:

@@ -36,7 +36,7 @@ _AGREE: Final = 1e-4
 """Relative; numbers are written with six digits."""
 
 
-def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, files: Sequence[str]) -> None:
+def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, about: str, files: Sequence[str]) -> None:
     problem = with_kept_heat(problem, sampled.posterior)
     thetas = thetas_of(sampled.posterior, problem.names)
     settings, units = problem.scenario.calibration, parameter_units(text, problem.scenario)
@@ -51,7 +51,7 @@ def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, 
     run.folder.write_json(RESULTS_FILE, plain(content))
     run.folder.write_text(TABLE_FILE, _csv(rows))
     means = dict(zip(problem.names, thetas.mean(axis=0).tolist(), strict=True))
-    header = _header(read_provenance(run.path), problem, use)
+    header = _header(read_provenance(run.path), problem, about)
     file = run.folder.file(CALIBRATED_FILE)
     resolved = resolved_yaml(problem.scenario, absolute=True)
     for base, otherwise in ((text, "written without the scenario's comments"), (resolved, "not as it should be")):
@@ -78,7 +78,7 @@ def _check(file: Path, scenario: Scenario, means: Mapping[str, float]) -> None:
             raise RewritingError(f"{path}: found {found[path].value:g} in it, expected {wanted:g}")
 
 
-def _header(provenance: Mapping[str, Any], problem: Problem, use: str) -> str:
+def _header(provenance: Mapping[str, Any], problem: Problem, about: str) -> str:
     """Of calibrated.yaml: which run it is from, and what it is good for."""
     created, identity = str(provenance.get("created", ""))[:19], str(provenance.get("identity", ""))[:12]
     scenario = problem.scenario
@@ -87,7 +87,7 @@ def _header(provenance: Mapping[str, Any], problem: Problem, use: str) -> str:
     return (
         f"Calibrated by flightcal {provenance.get('flightcal', '')}: run {identity} of {created} UTC, "
         f"seed {scenario.calibration.seed}, trained on {windows}.\n"
-        f"Verdict: {use}\n"
+        f"{about}\n"
         "Numbers that parameters set or scale are posterior means. What is believed of them before telemetry is as\n"
         "it was: the prior of a factor is divided by what its numbers were multiplied with.\n"
         f"{'' if problem.heat is None else heat}"
@@ -128,4 +128,5 @@ def _read(run: Run, *_: Any) -> tuple[Calibrated, ...]:
 
 
 RESULTS: Final = Stage("results", "", (RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE), _make, _read)
-"""Of a problem and what NUTS gave; text: of the scenario's file, use: the verdict, files: that it names."""
+"""Of a problem and what NUTS gave; text: of the scenario's file, about: lines of what the result is worth, files: that
+the scenario names."""

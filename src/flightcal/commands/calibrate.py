@@ -121,7 +121,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
     from ..calibration import COMPILE, GENETIC, NUTS, RESULTS
     from ..check import SUSPECTS, PriorRuns
     from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
-    from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
+    from ..prediction import PREDICT, PREDICTION_FILE, read_unseen, simulator_errors
     from ..report import read_run, verdict_of, write_report
     from ..scenario import input_files
     from ..validation import FULL_SIMULATOR, flown_from
@@ -162,7 +162,8 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         verdict = verdict_of(read_run(run.path))
         run.folder.write_json(VERDICT, verdict.record)
         files = [str(file.absolute()) for file in input_files(scenario)]
-        parameters = run.stage(RESULTS, problem, sampled, text=text, use=verdict.use, files=files)
+        about = "\n".join([f"Verdict: {verdict.use}", *map(str, simulator_errors(metrics))])
+        parameters = run.stage(RESULTS, problem, sampled, text=text, about=about, files=files)
         report = write_report(run.path)
     shares, outside = heat_shares(sampled.posterior), read_unseen(run.folder.file(PREDICTION_FILE))
     return Summary(

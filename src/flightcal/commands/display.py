@@ -17,7 +17,7 @@ from rich.padding import Padding
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ..prediction import ANY, GENETIC_RUNS, Metric, Unseen, by_place, comparison_table
+from ..prediction import ANY, GENETIC_RUNS, Metric, Unseen, by_place, comparison_table, simulator_errors
 from ..progress import Lines, Progress
 from ..scenario import is_trained
 from ..validation import ALL, INTERVALS
@@ -104,6 +104,8 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     print_verdict(summary.verdict.record, summary.run, console)
     if rows := chosen(summary.parameters, every=False):
         console.print(parameter_table(rows, console))
+    for error in simulator_errors(summary.metrics):
+        say(console, str(error))
     say(console, f"report: {summary.report}")
 
 

@@ -30,6 +30,7 @@ def show(
 
 def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
     """What a finished run found; every: quantities that are no parameters of the scenario, too. Raises RunError."""
+    from ..prediction import simulator_errors
     from .display import print_verdict
     from .kept import ABOUT, chosen, parameter_table, read_kept
 
@@ -41,6 +42,8 @@ def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
         console.print(parameter_table(rows, console))
     if left := len(kept.parameters) - len(rows):
         console.print(f"{left} more with --all: noise, heat and initial temperatures", highlight=False)
+    for error in simulator_errors(kept.metrics):
+        say(console, str(error))
     for name, words in ABOUT.items():
         if (folder / name).is_file():
             say(console, f"{folder / name}: {words}")

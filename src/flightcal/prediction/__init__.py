@@ -13,6 +13,7 @@ from .metrics import (
     crps_of_draws,
     implied_energy,
     score,
+    simulator_errors,
     values_of,
 )
 from .predict import predict

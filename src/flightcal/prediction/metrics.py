@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from ..scenario import is_trained
 from ..simulator import FloatArray
 
 ZERO_CELSIUS = 273.15
@@ -22,7 +23,10 @@ ZERO_CELSIUS = 273.15
 NEAR_ZERO = 1.0
 """K. Closer to 0 degC than this, a percentage of the Celsius temperature means nothing."""
 
-POINT_METHODS = ("uncalibrated", "poorly_calibrated", "genetic", "genetic_best")
+UNCALIBRATED, CALIBRATED, STOCHASTIC = "uncalibrated", "calibrated", "stochastic"
+"""The simulator before and with the calibrated numbers, and the mean of simulations of posterior draws with heat."""
+
+POINT_METHODS = (UNCALIBRATED, "poorly_calibrated", "genetic", "genetic_best", CALIBRATED)
 """Methods that give one temperature and no interval."""
 
 GENETIC_RUNS = "genetic_runs"
@@ -243,6 +247,38 @@ def scores_of_runs(metrics: Sequence[Metric]) -> list[Metric]:
         Metric(GENETIC_RUNS, *place, f"rmse_{name}", float(of(values)), "K", f"of {len(values)} runs")
         for place, values in errors.items()
         for name, of in (("lowest", np.min), ("median", np.median), ("highest", np.max))
+    ]
+
+
+@dataclass(frozen=True)
+class SimulatorError:
+    """What the calibrated numbers alone are worth in a window: RMSE over all channels, K."""
+
+    window: str
+    before: float
+    """At the priors' medians."""
+    calibrated: float
+    """At the posterior's mean, without unmodelled heat: as a simulation of calibrated.yaml."""
+    predicted: float
+    """As the run predicts: with unmodelled heat, where it has any."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.window}: RMSE {self.before:.3g} K before, {self.calibrated:.3g} K simulated with the calibrated "
+            f"numbers alone, {self.predicted:.3g} K as this run predicts"
+        )
+
+
+def simulator_errors(metrics: Iterable[Metric]) -> list[SimulatorError]:
+    """What the calibrated numbers alone are worth, in each window that was not trained on and has telemetry."""
+    found = values_of(metrics)
+    windows = dict.fromkeys(window for _, window, _, _ in found if not is_trained(window))
+    methods = (UNCALIBRATED, CALIBRATED, STOCHASTIC)
+    errors = {window: [found.get((method, window, "all", "rmse")) for method in methods] for window in windows}
+    return [
+        SimulatorError(window, *(value for value in of if value is not None))
+        for window, of in errors.items()
+        if None not in of
     ]
 
 

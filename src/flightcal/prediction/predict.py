@@ -24,9 +24,9 @@ from .holding import replicate
 from .initial import around_usual, condition_initial, condition_start
 from .innovations import innovations, noise_in_words
 from .labels import LABELS
+from .metrics import STOCHASTIC
 from .unseen import unseen_attribute
 
-STOCHASTIC = "stochastic"
 _RARELY = 0.05
 """Of the time: as little as a heater may be on or off at a time of which nothing is known."""
 

@@ -14,6 +14,7 @@ from ..calibration import (
     genetic_points,
     genetic_run_points,
     posterior_draws,
+    posterior_mean,
     with_kept_heat,
     with_residual_noise,
 )
@@ -23,8 +24,8 @@ from ..run import Run, Stage, plain, read_records, typed
 from ..scenario import PredictionSettings, Window
 from ..simulator import FloatArray
 from .heat import draw_heat
-from .metrics import GENETIC_RUNS, Metric, score, scores_of_runs
-from .predict import STOCHASTIC, predict
+from .metrics import CALIBRATED, GENETIC_RUNS, STOCHASTIC, UNCALIBRATED, Metric, score, scores_of_runs
+from .predict import predict
 
 PREDICTION_FILE, METRICS_FILE = "prediction.nc", "metrics.json"
 
@@ -42,7 +43,11 @@ def _predict(
     seed: int,
 ) -> None:
     uncalibrated = with_residual_noise(problem, problem.priors.median())
-    points = {"uncalibrated": uncalibrated, **genetic_points(problem, genetic)}
+    points = {
+        UNCALIBRATED: uncalibrated,
+        **genetic_points(problem, genetic),
+        CALIBRATED: posterior_mean(problem, sampled.posterior),
+    }
     shown = list(points)
     if emulation is None:  # else each takes runs of a slow simulator
         points |= genetic_run_points(problem, genetic)

@@ -17,6 +17,7 @@ GENETIC_BEST = "#7a4a00"
 STOCHASTIC = "#0068b4"
 UNCALIBRATED = "#b0508c"
 POORLY_CALIBRATED = "#00805d"
+NUMBERS = "#6a4fc4"
 PRIOR = "#7f7f7f"
 WARNING = "#c1272d"
 CHAINS = ("#0068b4", "#b0508c", "#00805d", "#56b4e9", "#7a5c00", "#6a4fc4", "#8c3b3b", "#595959")
@@ -47,6 +48,7 @@ METHODS = {
     "poorly_calibrated": Method("poorly calibrated", "poorly cal.", POORLY_CALIBRATED),
     "genetic": Method("genetic algorithm, mean of its runs", "GA mean", GENETIC),
     "genetic_best": Method("genetic algorithm, best run", "GA best", GENETIC_BEST),
+    "calibrated": Method("calibrated numbers alone", "numbers alone", NUMBERS),
     "stochastic": Method("stochastic", "stoch.", STOCHASTIC),
 }
 

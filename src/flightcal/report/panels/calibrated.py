@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 
 from ...calibration import Calibrated, PriorScore
+from ...prediction import simulator_errors
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
@@ -48,7 +49,8 @@ def panel(run: RunFiles) -> list[Block]:
     blocks = [block.table(table(rows[:MOST_ROWS], within, moved))]
     if rows[MOST_ROWS:]:
         blocks.append(block.folded(f"{len(rows) - MOST_ROWS} more", table(rows[MOST_ROWS:], within, moved)))
-    return [*blocks, block.text(words), *([block.links("To load:", run.files)] if run.files else [])]
+    alone = [block.text(f"{error}.") for error in simulator_errors(run.metrics)]
+    return [*blocks, block.text(words), *alone, *([block.links("To load:", run.files)] if run.files else [])]
 
 
 def moved_far(rows: Iterable[Calibrated], scores: Mapping[str, PriorScore]) -> set[str]:
