@@ -107,8 +107,9 @@ def test_day_and_month_are_told_apart_by_how_close_times_lie(tmp_path: Path, wri
 
 
 def test_marks_in_the_place_of_times_are_found_in_all_files_of_a_packet(tmp_path: Path):
-    for name, mark in (("a", "0x00000000"), ("b", "0xFFFEFFFE")):
-        table = frame(2000)
+    whole = frame(4000)
+    for name, mark, rows in (("a", "0x00000000", slice(2000)), ("b", "0xFFFEFFFE", slice(2000, None))):
+        table = whole[rows].reset_index(drop=True)
         table.loc[[0, 1500], "time"] = mark
         table.loc[[0, 1500], "TT_BAT"] = 1.0  # no unit, though it stands below the header
         table.to_csv(tmp_path / f"{name}.csv", index=False)
@@ -287,6 +288,69 @@ def test_files_with_the_same_columns_are_one_packet_and_a_sheet_is_a_file(tmp_pa
         (("c.xlsx",), "HK"),
         (("c.xlsx",), "EPS"),
     ]
+
+
+def test_files_of_the_same_time_with_the_same_columns_are_of_different_things(tmp_path: Path):
+    for name in ("primary", "redundant"):
+        frame(10).to_csv(tmp_path / f"{name}.csv", index=False)
+    found = detect([tmp_path / "primary.csv", tmp_path / "redundant.csv"])
+    assert [[file.name for file in packet.files] for packet in found] == [["primary.csv"], ["redundant.csv"]]
+
+
+def of_one_parameter(path: Path, start: int, values: list[str], unit: str = "degC") -> Path:
+    """A file as archives export it: a title, raw counts beside engineering values, units, and what is valid."""
+    times = text(seconds(*(60.0 * (start + np.arange(len(values))))))
+    rows = [
+        f"{time};{k % 7};{value};{unit};{'INVALID' if k == 3 else 'VALID'}"
+        for k, (time, value) in enumerate(zip(times, values, strict=True))
+    ]
+    path.write_text("\n".join(["# ARCHIVE export", "# of today", "TIME;RAW;ENG;UNIT;VALIDITY", *rows]) + "\n")
+    return path
+
+
+def test_a_file_of_one_parameter_is_called_as_the_file_and_its_days_are_one_packet(tmp_path: Path):
+    warm, cold = [f"{20 + 0.25 * (k % 9):.2f}" for k in range(30)], [f"{-5 - 0.25 * (k % 5):.2f}" for k in range(30)]
+    states = ["ON" if k % 4 == 0 else "OFF" for k in range(30)]
+    files = [
+        of_one_parameter(tmp_path / "TB3001_20240301.dat", 0, warm),
+        of_one_parameter(tmp_path / "TB3002_20240301.dat", 0, cold),
+        of_one_parameter(tmp_path / "HB3001_20240301.dat", 0, states, "-"),
+        of_one_parameter(tmp_path / "TB3002_20240302.dat", 30, cold),
+        of_one_parameter(tmp_path / "TB3001_20240302.dat", 30, warm),
+    ]
+    found = detect(files)
+    names = [[file.name[:6] for file in packet.files] for packet in found]
+    assert names == [["TB3001"] * 2, ["TB3002"] * 2, ["HB3001"]]
+    assert [(own.name, own.called[:6], own.kind, own.unit) for packet in found for own in packet.columns] == [
+        ("ENG", "TB3001", "temperature", "degC"),
+        ("ENG", "TB3002", "temperature", "degC"),
+        ("ENG", "HB3001", "status", None),
+    ]
+    assert {packet.header for packet in found} == {3}
+    assert all(packet.valid_where == {"VALIDITY": "VALID"} for packet in found)
+    assert all(packet.left_out == () for packet in found)
+
+
+def test_a_value_beside_the_name_of_its_parameter_is_called_so(tmp_path: Path):
+    table = pd.DataFrame(
+        {"time": text(TIMES), "measurement": "EPS", "field": "battery_temp", "value": 20.0 + np.arange(8)}
+    )
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert [(own.name, own.called, own.kind) for own in found.columns] == [("value", "EPS battery_temp", "temperature")]
+
+
+def test_numbers_with_their_unit_in_each_cell_are_numbers_in_the_first_ones_unit(tmp_path: Path):
+    table = pd.DataFrame({"time": text(TIMES), "EPS.battery": [f"{20 + 0.5 * k:.1f} °C" for k in np.arange(8)]})
+    table["PLD.power"] = [f"{950 + k} mW" if k % 2 else "1.2 W" for k in np.arange(8)]
+    table["state"] = ["3 apples"] * len(TIMES)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert [(own.name, own.kind, own.unit) for own in found.columns] == [
+        ("EPS.battery", "temperature", "degC"),
+        ("PLD.power", "driver", "W"),
+    ]
+    assert found.left_out == ("state",)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "xlsx"])

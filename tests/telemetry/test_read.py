@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from flightcal.errors import TelemetryError
 from flightcal.telemetry import quality_table, read_telemetry
 
-from .files import CHANNELS, frame, read, seconds, specification
+from .files import CHANNELS, frame, read, seconds, specification, text
 
 MANY = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -395,3 +395,59 @@ def test_a_line_with_too_many_values_is_named_where_semicolons_separate(tmp_path
     (tmp_path / "data.csv").write_text("\n".join(lines) + "\n")
     with pytest.raises(TelemetryError, match=rf"data.csv: line 5: found {len(table.columns) + 1} values"):
         read_telemetry(specification(), tmp_path)
+
+
+def test_a_number_may_have_its_unit_beside_it(tmp_path: Path):
+    table = frame(6)
+    table["TT_BAT"] = ["20.5 °C", "21 °C", "294.65 K", "68 degF", "", "22.5"]
+    table["I_SA"] = ["950 mA", "1.2 A", "-3e2 mA", "0.5 A", "7", "8 mA"]
+    dataset = read(tmp_path, table)
+    np.testing.assert_allclose(dataset["battery"], [293.65, 294.15, 294.65, 293.15, np.nan, 295.65])
+    np.testing.assert_allclose(dataset["sun"], [0.95, 1.2, -0.3, 0.5, 0.007, 0.008])
+
+
+@pytest.mark.parametrize("cell", ["20.5 V", "20.5 apples", "20,5 °C", "°C"])
+def test_a_number_with_a_unit_of_another_kind_is_an_error_with_its_line(tmp_path: Path, cell: str):
+    table = frame(6)
+    table["TT_BAT"] = ["20 °C", "21 °C", cell, "22 °C", "23 °C", "24 °C"]
+    with pytest.raises(TelemetryError, match=f"line 4: channel 'battery', column 'TT_BAT': found '{cell}'"):
+        read(tmp_path, table)
+
+
+def test_rows_that_a_column_says_are_invalid_are_not_used_whatever_stands_in_them(tmp_path: Path):
+    table = frame(8)
+    table["TT_BAT"] = [20.0, 21.0, "---", 23.0, 24.0, 25.0, 26.0, 27.0]
+    table["OK"] = ["VALID", "valid", "INVALID", "VALID", "", "SUSPECT", "VALID", "VALID"]
+    table["I_OK"] = [1, 1, 1, 0, 1, 1, 1, 1]
+    channels = CHANNELS | {"sun": CHANNELS["sun"] | {"valid_where": {"I_OK": 1}}}
+    table.to_csv(tmp_path / "data.csv", index=False)
+    dataset = read_telemetry(specification(channels, valid_where={"OK": ["VALID"]}), tmp_path)
+    valid = np.array([True, True, False, True, False, False, True, True])
+    np.testing.assert_array_equal(dataset["battery"].notnull(), valid)
+    np.testing.assert_array_equal(dataset["sun"].notnull(), valid & (table["I_OK"] == 1))
+    assert {(own.channel, own.finding, own.samples) for own in quality_table(dataset)} == {
+        ("battery", "invalid_marker", 3), ("sun", "invalid_marker", 4), ("heater", "invalid_marker", 3),
+    }  # fmt: skip
+    with pytest.raises(TelemetryError, match=r"data\.csv: valid_where: found no column 'OKAY'; nearest: 'OK'"):
+        read_telemetry(specification(valid_where={"OKAY": "VALID"}), tmp_path)
+
+
+INFLUX = [
+    "#group,false,false,false,false", "#datatype,string,long,dateTime:RFC3339,double", "#default,mean,,,",
+    ",result,table,time,TT_BAT",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("lines", [INFLUX, INFLUX[3:]])
+def test_tables_below_each_other_are_one_and_lines_are_those_of_the_file(tmp_path: Path, lines: list[str]):
+    rows = [f",,0,{time},{20 + k}" for k, time in enumerate(text(seconds(*(60.0 * np.arange(8)))))]
+    (tmp_path / "data.csv").write_text("\r\n".join([*lines, *rows[:4], "", *lines, *rows[4:], ""]))
+    channel = {"battery": CHANNELS["battery"]}
+    dataset = read_telemetry(specification(channel), tmp_path)
+    np.testing.assert_allclose(dataset["battery"], 293.15 + np.arange(8))
+    wrong = [*lines, *rows[:4], "", *lines, *rows[4:7], rows[7].replace("27", "warm"), ""]
+    (tmp_path / "data.csv").write_text("\r\n".join(wrong))
+    with pytest.raises(
+        TelemetryError, match=f"line {len(wrong) - 1}: channel 'battery', column 'TT_BAT': found 'warm'"
+    ):
+        read_telemetry(specification(channel), tmp_path)

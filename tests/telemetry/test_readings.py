@@ -104,7 +104,7 @@ def test_all_readings_that_are_missing_are_told(tmp_path: Path):
 def test_they_are_found_with_units_of_their_own_and_the_modes(tmp_path: Path):
     (found,) = detect([written(tmp_path, table())])
     assert found.readings is not None
-    assert (found.readings.name, found.readings.value) == ("parameter", "value")
+    assert (found.readings.name, found.readings.value) == (("parameter",), "value")
     assert {column.name: (column.kind, column.unit) for column in found.columns} == {
         "TM.T_BAT": ("temperature", "degC"),
         "TM.T_CAM": ("temperature", "K"),
@@ -131,3 +131,54 @@ def test_parameters_may_have_all_their_times_in_common(tmp_path: Path, count: in
     together = pd.concat(each).sort_values("time", kind="stable")
     (found,) = detect([written(tmp_path, together)])
     assert (found.clock, [column.name for column in found.columns]) == (("time",), names)
+
+
+def of_two_columns(in_turns: bool) -> pd.DataFrame:
+    """Readings of three subsystems, each of which has a `temp`."""
+    times = text(seconds(*(60.0 * np.arange(30))))
+    parts = [
+        pd.DataFrame({"time": times, "sat": "S1", "subsystem": system, "field": field, "value": value})
+        for system, field, value in (
+            ("EPS", "temp", [str(20 + k % 5) for k in range(30)]),
+            ("EPS", "heater", ["true" if k % 3 else "false" for k in range(30)]),
+            ("OBC", "temp", [str(30 + k % 7) for k in range(30)]),
+        )
+    ]
+    rows = pd.concat(parts)
+    return rows.sort_values("time", kind="stable") if in_turns else rows
+
+
+@pytest.mark.parametrize("in_turns", [True, False])
+def test_a_name_may_stand_in_two_columns(tmp_path: Path, in_turns: bool):
+    rows = of_two_columns(in_turns)
+    (found,) = detect([written(tmp_path, rows)])
+    assert found.readings is not None
+    assert found.readings.name == ("subsystem", "field")
+    assert {own.name: own.kind for own in found.columns} == {
+        "EPS temp": "temperature", "EPS heater": "status", "OBC temp": "temperature",
+    }  # fmt: skip
+    channels = {
+        "eps": {"column": "EPS temp", "kind": "temperature", "unit": "degC"},
+        "heater": {"column": "EPS heater", "kind": "status"},
+        "obc": {"column": "OBC temp", "kind": "temperature", "unit": "degC"},
+    }
+    dataset = read_telemetry(specification(channels, readings=found.readings), tmp_path)
+    np.testing.assert_allclose(dataset["eps"], 293.15 + np.arange(30) % 5)
+    np.testing.assert_allclose(dataset["obc"], 303.15 + np.arange(30) % 7)
+    np.testing.assert_array_equal(dataset["heater"], np.arange(30) % 3 > 0)
+    assert quality_table(dataset) == ()
+
+
+def test_readings_that_are_marked_invalid_are_not_used(tmp_path: Path):
+    rows = of_two_columns(in_turns=True)
+    rows["quality"] = ["BAD" if (name, k) == ("OBC", 4) else "GOOD" for k, name in enumerate(rows["subsystem"])]
+    bad = np.flatnonzero(rows["subsystem"] == "OBC")[::5]
+    rows.iloc[bad, list(rows).index("quality")] = "BAD"
+    (found,) = detect([written(tmp_path, rows)])
+    assert found.valid_where == {"quality": "GOOD"}
+    channels = {name: {"column": f"{name} temp", "kind": "temperature", "unit": "degC"} for name in ("EPS", "OBC")}
+    own = specification(channels, readings=found.readings, valid_where=found.valid_where)
+    dataset = read_telemetry(own, tmp_path)
+    assert dataset["EPS"].notnull().all()
+    np.testing.assert_array_equal(dataset["OBC"].isnull(), np.arange(30) % 5 == 0)
+    assert [(own.channel, own.finding, own.samples) for own in quality_table(dataset)] == [("OBC", "invalid_marker", 6)]

@@ -208,7 +208,7 @@ def _channels(names: Mapping[str, FoundPacket]) -> list[_Channel]:
     for packet_name, packet in names.items():
         for column in packet.columns:
             bit = "" if column.bit is None else f"_{column.bit}"
-            name = _unique(f"{_slug(column.name)}{bit}", taken)
+            name = _unique(f"{_slug(column.called or column.name)}{bit}", taken)
             taken[name] = None
             channels.append(_Channel(name, packet_name, column))
     return channels
@@ -221,23 +221,22 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
     if not single:
         lines.append("  packets:                          # each has columns, sampling and a clock of its own")
     for name, packet in names.items():
-        files = [
-            _text(str(file.absolute()) if folder is None else os.path.relpath(file, folder)) for file in packet.files
-        ]
-        file = files[0] if len(files) == 1 else f"[{', '.join(files)}]"
+        file = _texts([str(own.absolute()) if folder is None else os.path.relpath(own, folder) for own in packet.files])
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
         header = f"header: {packet.header}" if packet.header else ""
         time = _time(packet, names)
         readings = ""
         if packet.readings is not None:
             own = packet.readings
-            readings = f"readings: {{name: {_text(own.name)}, value: {_text(own.value)}}}"
+            readings = f"readings: {{name: {_texts(own.name)}, value: {_text(own.value)}}}"
+        valid = ", ".join(f"{_text(column)}: {_text(word)}" for column, word in packet.valid_where.items())
+        valid_where = f"valid_where: {{{valid}}}" if valid else ""
         comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0, counts a second"
         if single:
-            more = [f"  {key}" for key in (header, readings) if key]
+            more = [f"  {key}" for key in (header, readings, valid_where) if key]
             lines += [f"  file: {file}", f"  time: {time}{comment}", *more]
         else:
-            more = [f", {key}" for key in (header, readings) if key]
+            more = [f", {key}" for key in (header, readings, valid_where) if key]
             lines.append(f"    {name}: {{file: {file}{sheet}, time: {time}{''.join(more)}}}{comment}")
     lines += [
         "  channels:",
@@ -268,11 +267,14 @@ def _more(column: FoundColumn) -> str:
     return "}" if column.on_above is None else f", on_above: {column.on_above}}}"
 
 
+def _texts(values: Sequence[str]) -> str:
+    """One text, or a list of several."""
+    return _text(values[0]) if len(values) == 1 else f"[{', '.join(map(_text, values))}]"
+
+
 def _time(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> str:
     """The block `time` of a packet."""
-    columns = [_text(column) for column in packet.clock]
-    together = ", ".join(columns)
-    parts = [f"column: {together if len(columns) == 1 else f'[{together}]'}"]
+    parts = [f"column: {_texts(packet.clock)}"]
     if packet.time is None:
         rate = _rate(packet, names)
         parts += ["format: clock", f"epoch: {_epoch(packet, names, rate)}", f"rate: {rate} Hz"]

@@ -113,6 +113,8 @@ class Channel(Block):
     """Of `bits`: that of words without 0x or 0b before them; null: 10."""
     stale_after: Annotated[Count, Field(ge=2)] | None = 6
     """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
+    valid_where: dict[str, Markers] = Field(default_factory=dict)
+    """Columns that say which rows are valid, and what stands there then; beside those of the packet."""
     leave_out: tuple[Span, ...] = ()
     """Times of which no sample is used, such as those of a sensor that is stuck or has a spike."""
     fill: Literal["interpolate", "previous_orbit", "hold"] | Marker = "interpolate"
@@ -169,7 +171,8 @@ class Channel(Block):
 class Readings(Block):
     """Columns of a file that has a row for each reading; a channel's `column` is then the name of a reading."""
 
-    name: str
+    name: Names
+    """Several, such as a subsystem and a field, are read as one text with spaces in between."""
     value: str
 
 
@@ -184,6 +187,8 @@ class Packet(Block):
     time: TimeColumn
     readings: Readings | None = None
     """Of a file with one row for each reading; null: each row has all channels."""
+    valid_where: dict[str, Markers] = Field(default_factory=dict)
+    """Columns that say which rows are valid, and what stands there then: `{VALIDITY: VALID}`."""
     average: Duration | None = None
     """Block mean over this long; null: that of all telemetry."""
 
@@ -200,6 +205,8 @@ class TelemetryFile(Block):
     time: TimeColumn | None = None
     readings: Readings | None = None
     """Of a file with one row for each reading; null: each row has all channels."""
+    valid_where: dict[str, Markers] = Field(default_factory=dict)
+    """Columns that say which rows are valid, and what stands there then."""
     packets: dict[str, Packet] = Field(default_factory=dict)
     """In the place of `file` and `time`: files, each with columns, sampling and clock of its own."""
     average: Duration | None = None
@@ -208,7 +215,7 @@ class TelemetryFile(Block):
 
     @model_validator(mode="after")
     def _one_form(self) -> TelemetryFile:
-        beside = [key for key in ("file", "sheet", "header", "time", "readings") if getattr(self, key)]
+        beside = [key for key in ("file", "sheet", "header", "time", "readings", "valid_where") if getattr(self, key)]
         if self.packets and beside:
             raise ValueError(f"found {beside[0]!r} beside 'packets', expected it in each of them")
         missing = [] if self.packets else [key for key in ("file", "time") if not getattr(self, key)]
@@ -228,6 +235,7 @@ class TelemetryFile(Block):
             header=self.header,
             time=self.time,
             readings=self.readings,
+            valid_where=self.valid_where,
             average=None,
         )
         return {"": packet}

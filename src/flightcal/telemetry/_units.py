@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from ..scenario import Channel, is_temperature, kind_of, si_unit, to_si
 
 FloatArray = NDArray[np.float64]
+
+_CELSIUS = {"c": "degC", "deg c": "degC", "deg. c": "degC", "degc": "degC", "°c": "degC", "celsius": "degC"}
 
 _HOTTEST = 1e4
 """K, of what a thermistor's reading can mean at most where the scenario gives no `valid_range`."""
@@ -42,6 +45,30 @@ class Conversion:
             return (si_value - self.offset) / self.scale
         back = self.curve[::-1, np.argsort(self.curve[1])]
         return float(_along(back, np.array(si_value)))
+
+
+def known_unit(text: str) -> str | None:
+    """A unit as flightcal writes it; null: it is none."""
+    text = _CELSIUS.get(text.strip().lower(), re.sub(r"\bm([23])\b", r"m^\1", text.strip()))
+    if not re.search(r"[^\W\d_]|%", text):
+        return None
+    try:
+        si_unit(text)
+    except ValueError:
+        return None
+    return text
+
+
+def between(found: str, unit: str) -> tuple[float, float] | None:
+    """Scale and offset from values in the unit `found` to those in `unit`; null: one is not of the other's kind."""
+    known = known_unit(found)
+    try:
+        si = si_unit(unit)
+        zeros, ones = zip(*((to_si(f"0 {own}", si), to_si(f"1 {own}", si)) for own in (known or "", unit)), strict=True)
+    except ValueError:
+        return None
+    scale = ones[1] - zeros[1]
+    return (ones[0] - zeros[0]) / scale, (zeros[0] - zeros[1]) / scale
 
 
 def conversion(channel: Channel) -> Conversion:

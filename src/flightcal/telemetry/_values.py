@@ -15,6 +15,7 @@ from ..errors import TelemetryError
 from ..scenario import Channel
 from ._flags import Flag, Flags
 from ._times import is_text, more_rows
+from ._units import between, known_unit
 from .readers import NULL_WORDS, Source
 
 Values = NDArray[np.float64]
@@ -27,6 +28,7 @@ _WORDS = {
     10: "a whole number such as 18, 0x12 or 0b10010",
     16: "digits of base 16 such as 0012 or A3",
 }
+_NUMBER_AND_UNIT = r"^(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s.,:;+-].*)$"
 _LARGEST_EXACT = 2.0**53
 """A larger whole number in floating point has lost its last bits."""
 
@@ -37,9 +39,14 @@ def channel_values(name: str, channel: Channel, table: pa.Table, source: Source)
     Raises TelemetryError with the line of the first cell that cannot be understood.
     """
     read = _status if channel.is_state else _numbers
-    parts = [read(f"channel '{name}', column '{column}'", channel, table[column], source) for column in channel.column]
+    valid = np.all([_among_cells(table[column], ok) for column, ok in channel.valid_where.items()], axis=0)
+    parts = [
+        read(f"channel '{name}', column '{column}'", channel, _only_where(valid, table[column]), source)
+        for column in channel.column
+    ]
     values = np.stack([part[0] for part in parts])
     flags = reduce(np.bitwise_or, [part[1] for part in parts])
+    flags = np.where(valid, flags, Flag.INVALID_MARKER).astype(np.uint8)
     match channel.combine:
         case "sum":
             combined = values.sum(axis=0)
@@ -48,6 +55,20 @@ def channel_values(name: str, channel: Channel, table: pa.Table, source: Source)
         case _:
             combined = values.mean(axis=0)
     return combined, flags
+
+
+def _among_cells(cells: pa.ChunkedArray, candidates: tuple[float | str, ...]) -> NDArray[np.bool_]:
+    """Whether each cell [T] is one of the candidates."""
+    encoded = pc.dictionary_encode(cells.combine_chunks())
+    known = np.array([*(_among(value, candidates) for value in encoded.dictionary.to_pylist()), False])
+    return known[pc.fill_null(encoded.indices, len(known) - 1).to_numpy(zero_copy_only=False)]
+
+
+def _only_where(valid: NDArray[np.bool_], cells: pa.ChunkedArray) -> pa.ChunkedArray:
+    """The cells [T] with nothing where they are not valid."""
+    if valid.all():
+        return cells
+    return pc.if_else(pa.array(valid), cells, pa.scalar(None, cells.type))
 
 
 def _numbers(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source) -> tuple[Values, Flags]:
@@ -76,6 +97,8 @@ def _numbers_in_text(
     empty = _contains(text, NULL_WORDS) | pc.is_null(text).to_numpy()
     marked = _contains(text, [str(marker).strip() for marker in channel.invalid])
     bad = np.isnan(values) & ~empty & ~marked
+    if bad.any() and channel.unit is not None:
+        values, bad = _of_units(text, values, bad, channel.unit)
     if bad.any():
         row = int(np.argmax(bad))
         found = text[row].as_py()
@@ -86,6 +109,41 @@ def _numbers_in_text(
             f"{source.place(row)}: {label}: found '{found}'{more_rows(bad.sum())}, expected a number; {hint}"
         )
     return values, marked
+
+
+def _of_units(
+    text: pa.ChunkedArray, values: Values, bad: NDArray[np.bool_], unit: str
+) -> tuple[Values, NDArray[np.bool_]]:
+    """With the cells [T] that are a number with a unit, in `unit`; and which of the bad ones are left."""
+    values, bad = values.copy(), bad.copy()
+    numbers, units = _split(text)
+    for found in pd.unique(units[bad]):
+        factors = between(found, unit)
+        if factors is not None:
+            own = bad & (units == found)
+            values[own] = factors[0] * numbers[own] + factors[1]
+            bad &= ~own
+    return values, bad
+
+
+def _split(text: pa.ChunkedArray) -> tuple[Values, NDArray[np.object_]]:
+    """Number and unit of each cell [T]; NaN and "" where it is something else."""
+    parts = pc.extract_regex(text, _NUMBER_AND_UNIT)
+    numbers, units = (pc.struct_field(parts, name) for name in ("number", "unit"))
+    numbers = pd.to_numeric(pd.Series(numbers.to_numpy(zero_copy_only=False)), errors="coerce").to_numpy(float)
+    return numbers, np.asarray(pc.fill_null(units, "").to_numpy(zero_copy_only=False), dtype=object)
+
+
+def with_units(text: pa.ChunkedArray) -> tuple[pa.ChunkedArray, str] | None:
+    """A column of numbers that all have a unit, as numbers in the first one's; null: it is none."""
+    cells = pc.utf8_trim_whitespace(text)
+    told = ~(_contains(cells, NULL_WORDS) | pc.is_null(cells).to_numpy())
+    values, units = _split(cells)
+    unit = known_unit(units[told][0]) if told.any() else None
+    if unit is None:
+        return None
+    values, bad = _of_units(cells, values, told, unit)
+    return None if bad.any() else (pa.chunked_array([pa.array(values, from_pandas=True)]), unit)
 
 
 def _status(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source) -> tuple[Values, Flags]:

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
-from operator import and_, or_
+from itertools import chain, combinations
+from operator import and_, itemgetter, or_
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
-from ..scenario import Channel, Readings, TimeColumn, is_temperature, si_unit
+from ..scenario import Channel, Readings, TimeColumn, is_temperature
 from ._times import Nanoseconds, is_fill, is_text, time_cells
-from ._values import NULL_WORDS, is_status
+from ._units import known_unit
+from ._values import NULL_WORDS, is_status, with_units
 from .modes import FoundModes, activities_in, both, lasting, modes_in, start_and_end
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
-from .readings import comes_again, names_of, typed
+from .readings import follows, names_of, typed
 from .time_columns import LOOKED_AT, coarse_of, fine_of, is_numeric, is_second_time, time_of
 
 _COUNTS = {"unix": "1 Hz", "unix-ms": "1000 Hz", "unix-us": "1000000 Hz", "unix-ns": "1000000000 Hz"}
@@ -42,10 +45,18 @@ _OF_HEATER = re.compile(r"(?i)htr|heat")
 _ON_WORD = re.compile(r"(?i)^on|^heat|act|run|enab|clos|yes|true")
 _OFF_WORD = re.compile(r"(?i)off|^no|idle|inact|st(an)?d?by|stop|cool|disab|open|false")
 """Words that a heater's status has; what looks like both is off, as INACTIVE is."""
-_READING_NAME = re.compile(r"(?i)param|name|mnemonic|channel|sensor|signal|item|measur|point|variable|metric|key|tag")
+_READING_NAME = re.compile(
+    r"(?i)param|name|mnemonic|channel|sensor|signal|item|measur|field|point|variable|metric|key|tag"
+)
 _READING_VALUE = re.compile(r"(?i)value|reading|eng|cal|raw|result|^val")
 _UNITS = re.compile(r"(?i)^units?$")
 """Columns of a file with a row for each reading."""
+_VALIDITY = re.compile(r"(?i)valid|quality")
+_VALID = re.compile(r"(?i)^(valid|good|ok|nominal|yes|true)$")
+"""Columns that say which rows are valid, and the words for it."""
+_DATE_AT_END = re.compile(r"([\W_]+\d[\dTZ]*)+$")
+_SAME_TIMES = 0.5
+"""Of the shorter one's time: so much do two files with the same columns have in common that are of different things."""
 _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
 _TEMPERATURE_NAME = re.compile(
@@ -74,7 +85,6 @@ _UNIT = re.compile(
     r"|^(?:V|U|VOLT[A-Z]*)_.*_(V)$|^(?:P|PWR|POW[A-Z]*)_.*_(W)$"
 )
 _AT_THE_END = {"ma": "mA", "mv": "mV", "deg": "deg", "w_m2": "W/m^2"}
-_CELSIUS = {"c": "degC", "deg c": "degC", "deg. c": "degC", "degc": "degC", "°c": "degC", "celsius": "degC"}
 
 
 @dataclass(frozen=True)
@@ -95,6 +105,8 @@ class FoundColumn:
     """Of a status that is a bit of a word."""
     base: int | None = None
     """Of the word's digits, where they have no 0x and are not decimal."""
+    called: str | None = None
+    """What it is, where the name of its file says so and that of the column does not."""
 
 
 @dataclass(frozen=True)
@@ -121,24 +133,29 @@ class FoundPacket:
     """Of the satellite, where a column tells them."""
     readings: Readings | None = None
     """Of a file with a row for each reading, whose names then stand in `columns`."""
+    valid_where: dict[str, str] = field(default_factory=dict)
+    """A column that says which rows are valid, and its word for it."""
 
 
 def detect(files: list[Path]) -> list[FoundPacket]:
-    """The packets in telemetry files: those with the same columns are one, each sheet of a workbook is a file.
+    """The packets in telemetry files: each sheet of a workbook is a file.
+
+    Files with the same columns are one packet, but where they are of the same time: these are of different things.
 
     Raises TelemetryError for a file that cannot be read, or in which no column has times.
     """
-    found: list[FoundPacket] = []
+    alike: list[list[FoundPacket]] = []
     for file in files:
         packets = list(_packets(file))
         if not packets:
             raise TelemetryError(f"{file}: found no sheet with a column of times, expected one")
         for packet in packets:
-            same = [k for k, other in enumerate(found) if _kind(packet) == _kind(other)]
-            if same:
-                found[same[0]] = _together(found[same[0]], packet)
+            same = next((own for own in alike if all(_are_one(packet, other) for other in own)), None)
+            if same is None:
+                alike.append([packet])
             else:
-                found.append(packet)
+                same.append(packet)
+    found = [reduce(_together, own) for own in alike]
     return [_of_usual_epoch(packet, [own for own in found if own is not packet]) for packet in found]
 
 
@@ -170,7 +187,16 @@ def _of_usual_epoch(packet: FoundPacket, others: list[FoundPacket]) -> FoundPack
 def _kind(packet: FoundPacket) -> tuple[object, ...]:
     """What files of one packet have in common."""
     written = packet.time and packet.time.format
-    return {column.name for column in packet.columns}, written, packet.sheet, packet.header, packet.clock
+    # What files of one parameter are called may end in a date.
+    columns = {(column.name, _DATE_AT_END.sub("", column.called or "")) for column in packet.columns}
+    return columns, written, packet.sheet, packet.header, packet.clock
+
+
+def _are_one(packet: FoundPacket, other: FoundPacket) -> bool:
+    """Whether files have the same columns, of other times."""
+    shared = min(packet.last, other.last) - max(packet.first, other.first)
+    shorter = min(packet.last - packet.first, other.last - other.first)
+    return _kind(packet) == _kind(other) and shared <= _SAME_TIMES * shorter
 
 
 def _together(one: FoundPacket, other: FoundPacket) -> FoundPacket:
@@ -178,7 +204,9 @@ def _together(one: FoundPacket, other: FoundPacket) -> FoundPacket:
     time = one.time
     if time is not None and other.time is not None:
         time = time.model_copy(update={"invalid": tuple(dict.fromkeys((*time.invalid, *other.time.invalid)))})
-    return replace(one, files=(*one.files, *other.files), time=time, modes=both(one.modes, other.modes))
+    first, last = min(one.first, other.first), max(one.last, other.last)
+    files, modes = (*one.files, *other.files), both(one.modes, other.modes)
+    return replace(one, files=files, time=time, first=first, last=last, modes=modes)
 
 
 def _packets(file: Path) -> Iterator[FoundPacket]:
@@ -213,7 +241,12 @@ def _packet_below_title(file: Path, source: Source) -> FoundPacket:
     if not found:
         assert refusal is not None  # nothing was found, and each time it was told why
         raise refusal
-    return max(found, key=lambda packet: len(packet.columns))  # the first of equals
+    return max(found, key=lambda packet: (_has_names(packet), len(packet.columns)))  # the first of equals
+
+
+def _has_names(packet: FoundPacket) -> bool:
+    """Whether what stands in the header are names, and not the numbers of a row."""
+    return not any(re.match(r"[-+]?\.?\d", name) for name in (*packet.clock, *(own.name for own in packet.columns)))
 
 
 def _packet(file: Path, source: Source) -> FoundPacket:
@@ -239,11 +272,15 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         activities = _activities(table, names, time, times, source)
         if activities is not None:
             return FoundPacket((file,), source.sheet, time, found, first, last, (), source.header, modes=activities)
-        readings = _readings(table.drop_columns(list(found)))
+        readings = _readings(table.drop_columns(list(found)), times)
         if readings is not None:
-            return _packet_of_readings(file, source, time, times, table, readings)
+            return _packet_of_readings(file, source, time, times, table, readings, names_of(table, readings.name))
+        alone = _alone(table.drop_columns(list(found)))
+        if alone is not None:
+            return _packet_of_one(file, source, time, times, table, alone)
     head, units = _below_units(table.slice(0, LOOKED_AT), time)
-    others = [name for name in names if name not in found]
+    valid_where = _valid_where(table)
+    others = [name for name in names if name not in found and name not in valid_where]
     said = {name: units.get(name) or _fahrenheit(name, names) for name in others}
     columns = {name: _column(name, head[name], source, said[name]) for name in others}
     modes = None
@@ -275,6 +312,7 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         fine or None,
         tuple(name for name, own in parts.items() if not own and head[name].null_count < len(head[name])),
         modes,
+        valid_where=valid_where,
     )
 
 
@@ -294,21 +332,77 @@ def _activities(
     return None
 
 
-def _readings(table: pa.Table) -> Readings | None:
-    """The columns of a name and of its value, where a row holds one reading; null: a row holds all channels."""
-    texts = [name for name in table.column_names if is_text(table[name])]
-    names = [name for name in texts if _READING_NAME.search(name) and comes_again(names_of(table[name]))]
-    values = [name for name in table.column_names if _READING_VALUE.search(name) and name not in names]
-    if len(names) != 1 or not values:
+def _readings(table: pa.Table, times: Nanoseconds) -> Readings | None:
+    """The columns of a name and of its value, where a row holds one reading; null: a row holds all channels.
+
+    The name stands in one column, or in two where one tells too little.
+    """
+    values = _values(table)
+    if not values:
         return None
-    # Engineering values before raw ones.
-    return Readings(name=names[0], value=min(values, key=lambda name: bool(re.search(r"(?i)raw", name))))
+    texts = [name for name in table.column_names if is_text(table[name]) and name not in values]
+    found = [
+        (round(_share_told_twice(names, times), 2), len(columns), columns)
+        for columns in chain(combinations(texts, 1), combinations(texts, 2))
+        if any(map(_READING_NAME.search, columns)) and follows(names := names_of(table, columns), times)
+    ]
+    if not found:
+        return None
+    return Readings(name=min(found, key=itemgetter(0, 1))[2], value=_engineering(values))
+
+
+def _engineering(values: list[str]) -> str:
+    """Of columns with a value, that of engineering values before that of raw ones."""
+    return min(values, key=lambda name: bool(re.search(r"(?i)raw", name)))
+
+
+def _values(table: pa.Table) -> list[str]:
+    """The columns that are called as the value of a reading, and hold something."""
+    columns = zip(table.column_names, table.columns, strict=True)
+    return [name for name, own in columns if _READING_VALUE.search(name) and own.null_count < len(own)]
+
+
+def _alone(table: pa.Table) -> tuple[str, str] | None:
+    """The column of the one parameter in a file, and its name where a column has it, else ""; null: there are more."""
+    values = [name for name in _values(table) if not (_TEMPERATURE_NAME.search(name) or _STATUS_NAME.search(name))]
+    valid_where, names = _valid_where(table), []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if name in values or name in valid_where or _UNITS.search(name) or column.null_count == len(column):
+            continue
+        told = column.unique().to_pylist()
+        if len(told) > 1:
+            return None
+        if is_text(column) and _READING_NAME.search(name):
+            names.append(str(told[0]).strip())
+    return (_engineering(values), " ".join(names)) if values else None
+
+
+def _valid_where(table: pa.Table) -> dict[str, str]:
+    """The one column that says in words which rows are valid, and its word for it; else nothing."""
+    found: dict[str, str] = {}
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if _VALIDITY.search(name) and (is_text(column) or pa.types.is_boolean(column.type)):
+            words = [str(word).strip() for word in column.unique().drop_null().to_pylist()]
+            found[name] = next(filter(_VALID.search, words), "")
+    found = {name: word for name, word in found.items() if word}
+    return found if len(found) == 1 else {}
+
+
+def _share_told_twice(names: np.ndarray, times: Nanoseconds) -> float:
+    """Of the readings, whose name has another one at the same time."""
+    return float(pd.DataFrame({"name": names, "time": times}).duplicated().mean())
 
 
 def _packet_of_readings(
-    file: Path, source: Source, time: TimeColumn, times: NDArray[np.int64], table: pa.Table, readings: Readings
+    file: Path,
+    source: Source,
+    time: TimeColumn,
+    times: Nanoseconds,
+    table: pa.Table,
+    readings: Readings,
+    names: NDArray[np.object_],
 ) -> FoundPacket:
-    names, units = names_of(table[readings.name]), next(filter(_UNITS.search, table.column_names), None)
+    units = next(filter(_UNITS.search, table.column_names), None)
     columns, left_out, modes = [], [], None
     for name in dict.fromkeys(names[names != ""].tolist()):
         rows = np.flatnonzero(names == name)
@@ -324,8 +418,26 @@ def _packet_of_readings(
             left_out.append(name)
     return FoundPacket(
         (file,), source.sheet, time, time.column, float(times.min()), float(times.max()), tuple(columns), source.header,
-        left_out=tuple(left_out), modes=modes, readings=readings,
+        left_out=tuple(left_out), modes=modes, readings=readings, valid_where=_valid_where(table),
     )  # fmt: skip
+
+
+def _packet_of_one(
+    file: Path, source: Source, time: TimeColumn, times: Nanoseconds, table: pa.Table, alone: tuple[str, str]
+) -> FoundPacket:
+    """A file of one parameter, which is called as a column of it says, or else as the file."""
+    value, name = alone
+    called = name or _stem(file)
+    readings = Readings(name=(value,), value=value)
+    names = np.full(len(table), called, dtype=object)
+    packet = _packet_of_readings(file, source, time, times, table, readings, names)
+    columns = tuple(replace(column, name=value, called=called) for column in packet.columns)
+    return replace(packet, columns=columns, left_out=tuple(value for _ in packet.left_out), readings=None)
+
+
+def _stem(file: Path) -> str:
+    """A file's name without what says its kind."""
+    return file.name.removesuffix(".gz").rpartition(".")[0]
 
 
 def _below_units(table: pa.Table, time: TimeColumn | None) -> tuple[pa.Table, dict[str, str]]:
@@ -346,6 +458,8 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
     """
     if column.null_count == len(column):
         return None
+    if is_text(column) and (found := with_units(column)) is not None:
+        column, said = found
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
         if is_status(column, Channel(column=name, kind="status")):
             return FoundColumn(name, "status", None)
@@ -359,7 +473,7 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
         return None
     if _STATUS_NAME.search(name) and np.isin(values, (0, 1)).all():
         return FoundColumn(name, "status", None)
-    unit = _known(said or "") or _unit(name)
+    unit = known_unit(said or "") or _unit(name)
     if unit is not None and is_temperature(unit):
         return FoundColumn(name, "temperature", unit)
     middle = float(np.median(values))
@@ -438,7 +552,7 @@ def _unit(name: str) -> str | None:
         return None
     in_brackets, *at_the_end = match.groups()
     found = in_brackets or next(filter(None, at_the_end))
-    return _known(found if in_brackets else _AT_THE_END.get(found.lower(), found))
+    return known_unit(found if in_brackets else _AT_THE_END.get(found.lower(), found))
 
 
 def _fahrenheit(name: str, names: list[str]) -> str | None:
@@ -447,15 +561,3 @@ def _fahrenheit(name: str, names: list[str]) -> str | None:
         return None
     branches = [other for other in names if other[:-1] == name[:-1] and other[-1:].isalpha()]
     return "degF" if len(branches) == 1 else None
-
-
-def _known(text: str) -> str | None:
-    """A unit as flightcal writes it; null: it is none."""
-    text = _CELSIUS.get(text.strip().lower(), re.sub(r"\bm([23])\b", r"m^\1", text.strip()))
-    if not re.search(r"[^\W\d_]|%", text):
-        return None
-    try:
-        si_unit(text)
-    except ValueError:
-        return None
-    return text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -24,7 +24,7 @@ from .average import average
 from .clean import order_rows, sampling_interval
 from .merge import merged
 from .readers import Source, content, locate, nearest, read_table
-from .readings import side_by_side
+from .readings import of, side_by_side
 from .stale import RowContent, repeats, row_content
 
 
@@ -178,18 +178,22 @@ def _read_file(
 ) -> _Rows:
     """The rows of one file; shared: other packets are in it, so only rows that hold something of this one count."""
     time, readings = packet.time, packet.readings
+    channels = {name: _with_validity(channel, packet) for name, channel in channels.items()}
     markers = [str(marker) for channel in channels.values() for marker in channel.invalid]
     named = {column for channel in channels.values() for column in channel.column}
     words = [column for channel in channels.values() if channel.base is not None for column in channel.column]
     if readings is not None:
-        words = [readings.name, readings.value]
+        words = [*readings.name, readings.value]
     table = table_of(source, (*time.column, *words), (*markers, *map(str, time.invalid)))
     _check_columns(_wanted(packet, channels), table.column_names, source)
     table = without_empty_rows(table)
+    beside = {column for channel in channels.values() for column in channel.valid_where}
     if readings is not None:
-        table, source = side_by_side(table, readings, time.column, tuple(sorted(named)), source)
+        table, source = side_by_side(table, readings, time.column, tuple(sorted(named)), tuple(sorted(beside)), source)
+        channels = {name: _with_validity_of_readings(channel) for name, channel in channels.items()}
     elif shared:
-        table, source = _of_packet(table.select([*time.column, *sorted(named.difference(time.column))]), time, source)
+        table, source = _of_packet(table, time, named, source)
+        table = table.select([*time.column, *sorted((named | beside).difference(time.column))])
     timed = np.flatnonzero(~is_fill(time_cells(table, time), time))
     untimed = table.num_rows - len(timed)
     if untimed:
@@ -219,12 +223,24 @@ def _read_file(
     return _Rows(times, np.stack(values, axis=1), np.stack(flags, axis=1), rows, untimed)
 
 
-def _of_packet(table: pa.Table, time: TimeColumn, source: Source) -> tuple[pa.Table, Source]:
-    """The rows in which a column other than those of the time holds something."""
-    held = np.any([column.is_valid().to_numpy() for name, column in _columns(table) if name not in time.column], axis=0)
+def _with_validity(channel: Channel, packet: Packet) -> Channel:
+    """A channel that obeys its packet's columns of validity, too."""
+    return channel.model_copy(update={"valid_where": packet.valid_where | channel.valid_where})
+
+
+def _with_validity_of_readings(channel: Channel) -> Channel:
+    """A channel of readings, each of which has a column of validity of its own."""
+    own = {of(column, name): valid for column, valid in channel.valid_where.items() for name in channel.column}
+    return channel.model_copy(update={"valid_where": own})
+
+
+def _of_packet(table: pa.Table, time: TimeColumn, named: Collection[str], source: Source) -> tuple[pa.Table, Source]:
+    """The rows in which one of the columns `named`, other than those of the time, holds something."""
+    own = sorted(set(named).difference(time.column))
+    held = np.any([table[name].is_valid().to_numpy() for name in own], axis=0)
     rows = np.flatnonzero(held)
     if not len(rows):
-        names = ", ".join(f"'{name}'" for name in table.column_names if name not in time.column)
+        names = ", ".join(f"'{name}'" for name in own)
         raise TelemetryError(f"{source.name}: found nothing in the columns {names}, expected telemetry")
     return _only(rows, table, source)
 
@@ -232,10 +248,6 @@ def _of_packet(table: pa.Table, time: TimeColumn, source: Source) -> tuple[pa.Ta
 def _only(rows: NDArray[np.intp], table: pa.Table, source: Source) -> tuple[pa.Table, Source]:
     """Some rows of those that are looked at."""
     return table.take(rows), source.only(rows)
-
-
-def _columns(table: pa.Table) -> Iterator[tuple[str, pa.ChunkedArray]]:
-    return zip(table.column_names, table.columns, strict=True)
 
 
 def _joined(files: list[_Rows]) -> _Rows:
@@ -255,8 +267,9 @@ def _joined(files: list[_Rows]) -> _Rows:
 def _wanted(packet: Packet, channels: dict[str, Channel]) -> list[tuple[str, str]]:
     """Who wants which column of a packet's files."""
     wanted = [("time", column) for column in packet.time.column]
+    wanted += [("valid_where", column) for column in sorted({c for own in channels.values() for c in own.valid_where})]
     if packet.readings is not None:
-        return [*wanted, ("readings", packet.readings.name), ("readings", packet.readings.value)]
+        return [*wanted, *(("readings", column) for column in (*packet.readings.name, packet.readings.value))]
     return wanted + [(f"channel '{name}'", column) for name, c in channels.items() for column in c.column]
 
 

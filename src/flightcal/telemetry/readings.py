@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -9,7 +11,7 @@ import pyarrow.compute as pc
 
 from ..errors import TelemetryError
 from ..scenario import Readings
-from ._times import is_text
+from ._times import Nanoseconds, is_text
 from .readers import Source, nearest
 
 LOOKED_AT = 1000
@@ -17,20 +19,28 @@ LOOKED_AT = 1000
 
 
 def side_by_side(
-    table: pa.Table, readings: Readings, time: tuple[str, ...], wanted: tuple[str, ...], source: Source
+    table: pa.Table,
+    readings: Readings,
+    time: tuple[str, ...],
+    wanted: tuple[str, ...],
+    beside: tuple[str, ...],
+    source: Source,
 ) -> tuple[pa.Table, Source]:
     """The readings called `wanted` in columns of these names, beside the columns `time`; of several: at equal times.
 
+    beside: columns that each reading keeps beside its value, called as `of` says.
+
     Raises TelemetryError where one is not in the file, or they have no time in common.
     """
-    names = names_of(table[readings.name])
+    names = names_of(table, readings.name)
     joined: pd.DataFrame | None = None
     for name in wanted:
         rows = np.flatnonzero(names == name)
         if not len(rows):
             known = [str(one) for one in pd.unique(names[names != ""])]
             listed = nearest(name, known) or f"; it has {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}"
-            raise TelemetryError(f"{source.name}: column '{readings.name}': found no '{name}'{listed}")
+            where = " ".join(readings.name)
+            raise TelemetryError(f"{source.name}: column '{where}': found no '{name}'{listed}")
         own = pd.DataFrame({column: table[column].take(rows).to_pandas() for column in time})
         own[f"row of {name}"] = rows
         joined = own if joined is None else joined.merge(own, on=list(time))
@@ -41,13 +51,22 @@ def side_by_side(
     first = joined[f"row of {wanted[0]}"].to_numpy()
     columns = {column: table[column].take(first) for column in time}
     columns |= {name: typed(table[readings.value].take(joined[f"row of {name}"].to_numpy())) for name in wanted}
+    for name in wanted:
+        own = joined[f"row of {name}"].to_numpy()
+        columns |= {of(column, name): table[column].take(own) for column in beside}
     return pa.table(columns), source.only(first)
 
 
-def names_of(column: pa.ChunkedArray) -> np.ndarray:
-    """The name of each reading; "" where there is none."""
-    text = pc.utf8_trim_whitespace(column.cast(pa.string()))
-    return np.asarray(pc.fill_null(text, "").to_numpy(zero_copy_only=False), dtype=object)
+def of(column: str, name: str) -> str:
+    """What the column of a table of readings is called that belongs to the reading `name`."""
+    return f"{column} of {name}"
+
+
+def names_of(table: pa.Table, columns: Sequence[str]) -> np.ndarray:
+    """The name of each reading [T], of several columns with spaces in between; "" where there is none."""
+    texts = [pc.fill_null(pc.utf8_trim_whitespace(table[column].cast(pa.string())), "") for column in columns]
+    joined = texts[0] if len(texts) == 1 else pc.utf8_trim_whitespace(pc.binary_join_element_wise(*texts, " "))
+    return np.asarray(joined.to_numpy(zero_copy_only=False), dtype=object)
 
 
 def comes_again(names: np.ndarray) -> bool:
@@ -55,6 +74,14 @@ def comes_again(names: np.ndarray) -> bool:
     names = names[:LOOKED_AT]
     changes = int(np.count_nonzero(names[1:] != names[:-1]))
     return len(set(names)) > 1 and changes > len(names) / 4 and len(names) >= 2 * len(set(names))
+
+
+def follows(names: np.ndarray, times: Nanoseconds) -> bool:
+    """Whether the names [T] of readings come in turns, or one after the other with times [T] that begin anew."""
+    if comes_again(names):
+        return True
+    first = np.flatnonzero(names[1:] != names[:-1]) + 1
+    return 1 < len(set(names)) == len(first) + 1 and bool((times[first] < times[first - 1]).mean() > 0.5)
 
 
 def typed(column: pa.ChunkedArray) -> pa.ChunkedArray:

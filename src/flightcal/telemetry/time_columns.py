@@ -121,7 +121,7 @@ def _of_readings(table: pa.Table, time: TimeColumn, times: Nanoseconds) -> bool:
     """Whether a row holds one reading of several that may have their times in common, and each moves on."""
     for name in table.column_names:
         if name not in time.column and is_text(table[name]) and len(times) == min(len(table), LOOKED_AT):
-            names = names_of(table[name].slice(0, LOOKED_AT))
+            names = names_of(table.slice(0, LOOKED_AT), (name,))
             if comes_again(names) and _moves_on(times[names == Counter(names).most_common(1)[0][0]]):
                 return True
     return False

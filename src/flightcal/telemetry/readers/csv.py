@@ -24,6 +24,8 @@ _MAGIC = {
 }
 """First bytes of files that are sometimes called .csv and that no reader reads."""
 
+_ANNOTATIONS = ("#group", "#datatype", "#default")
+"""First cells of the lines above each table of an InfluxDB export."""
 _SEPARATORS = (",", ";", "\t", "|")
 _LOOKED_AT = 50
 """Lines that tell what separates the columns."""
@@ -35,7 +37,7 @@ class Csv:
     """Text with a header, a row to a line."""
 
     kind = "comma-separated UTF-8 text"
-    suffixes = (".csv", ".csv.gz", ".txt", ".txt.gz")
+    suffixes = tuple(f"{suffix}{packed}" for suffix in (".csv", ".txt", ".dat", ".tsv") for packed in ("", ".gz"))
     magic = None
 
     def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
@@ -50,11 +52,15 @@ class Csv:
             null_values=sorted(NULL_WORDS - set(markers) | {""}),
             strings_can_be_null=True,
         )
+        parse = pa.csv.ParseOptions(delimiter=separator)
         try:
-            options = pa.csv.ReadOptions(skip_rows=(source.header or 1) - 1)
-            parse = pa.csv.ParseOptions(delimiter=separator)
+            above = next(_lines(source, separator))[0] - 1
+            options = pa.csv.ReadOptions(skip_rows=above)
             with source.open() as file:
                 table = pa.csv.read_csv(file, read_options=options, parse_options=parse, convert_options=convert)
+            if _has_header_again(table, header):
+                text = io.BytesIO(_one_table(source, above))
+                table = pa.csv.read_csv(text, parse_options=parse, convert_options=convert)
         except pa.ArrowInvalid as error:
             # Arrow names no line when it reads in parallel; a second, slow look does.
             _check_encoding(source)
@@ -92,6 +98,22 @@ def _with_points(table: pa.Table) -> pa.Table:
             points = pc.replace_substring_regex(column, pattern=_DECIMAL_COMMA, replacement=r"\1.\2")
             table = table.set_column(place, table.column_names[place], points)
     return table
+
+
+def _has_header_again(table: pa.Table, header: list[str]) -> bool:
+    """Whether a file has several tables below each other, each with its header."""
+    place = next((k for k, name in enumerate(header) if name), 0)
+    column = table.column(place)
+    return pa.types.is_string(column.type) and bool(pc.any(pc.equal(column, header[place])).as_py())
+
+
+def _one_table(source: Source, above: int) -> bytes:
+    """The header, which has so many lines above it, and the rows of all tables, without what stands above each."""
+    with source.open() as file:
+        header, *lines = islice(file, above, None)
+    annotations = tuple(map(str.encode, _ANNOTATIONS))
+    own = header.removeprefix(b"\xef\xbb\xbf").strip()
+    return header + b"".join(line for line in lines if line.strip() != own and not line.startswith(annotations))
 
 
 def _ragged(source: Source, separator: str, columns: int) -> TelemetryError | None:
@@ -150,11 +172,14 @@ def _check_encoding(source: Source, lines: int | None = None) -> None:
 
 
 def _lines(source: Source, separator: str) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of each line that is not empty, the header first; as Arrow counts rows."""
+    """Line number and cells of the header and of each line of its tables that is not empty, as Arrow counts rows."""
     with source.open() as file:
         reader = csv.reader(
             io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline=""), delimiter=separator
         )
+        header: list[str] | None = None
         for cells in reader:
-            if cells and reader.line_num >= (source.header or 1):
-                yield reader.line_num, cells
+            if not cells or reader.line_num < (source.header or 1) or cells[0] in _ANNOTATIONS or cells == header:
+                continue
+            header = header or cells
+            yield reader.line_num, cells
