@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flightcal.check.jumps import in_words, jumps
+from flightcal.check.jumps import in_turns, in_words, jumps
 
 TIMES = np.datetime64("2024-03-01T00:00:00", "ns") + np.arange(200) * np.timedelta64(60, "s")
 MODELLED = np.stack([290.0 + 8.0 * np.sin(np.arange(200) / 16.0), 280.0 + 2.0 * np.sin(np.arange(200) / 16.0)], axis=1)
@@ -89,3 +89,34 @@ def test_old_telemetry_that_is_sent_again_is_not_out_of_order():
 
 def test_nothing_is_said_where_nothing_jumps():
     assert in_words([]) == []
+
+
+def of_two_satellites(apart):
+    """Rows of a satellite and of one that is so many samples behind it, in turns; some are lost."""
+    rng = np.random.default_rng(4)
+    rows = np.arange(apart, 200)
+    both = np.stack([telemetry(1)[rows], telemetry(2)[rows - apart]], axis=1).reshape(-1, 2)
+    kept = rng.random(len(both)) > 0.05
+    return both[kept], np.repeat(MODELLED[rows], 2, axis=0)[kept]
+
+
+def test_rows_of_two_satellites_that_take_turns_are_named():
+    values, modelled = of_two_satellites(apart=40)
+    assert in_turns(NAMES, values, modelled) == ["panel_temp", "body_temp"]
+    ((kind, about, words),) = in_words([], in_turns(NAMES, values, modelled))
+    assert (kind, about, words.title) == ("order", "rows", "Rows of two sources take turns")
+
+
+def test_sound_telemetry_does_not_take_turns():
+    assert in_turns(NAMES, telemetry(), MODELLED) == []
+
+
+def test_a_spinning_body_that_is_sampled_twice_a_turn_does_not_take_turns():
+    spin = 20.0 * (np.arange(200) % 2)[:, None]
+    assert in_turns(NAMES, telemetry() + spin, MODELLED + spin) == []
+
+
+def test_one_sensor_that_goes_to_and_fro_is_no_matter_of_rows():
+    values = telemetry()
+    values[::2, 0] += 20.0
+    assert in_turns(NAMES, values, MODELLED) == []

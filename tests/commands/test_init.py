@@ -74,6 +74,40 @@ def test_lint_advises_means_over_a_minute_where_a_window_has_many_samples(tmp_pa
     assert (told in lint(tmp_path / "sat")) == advised
 
 
+def test_files_of_one_parameter_each_become_channels_with_their_times_in_common(tmp_path: Path):
+    """Twelve thermistors of a slow satellite and two statuses, each sampled at times of its own for four days."""
+    rng, files = np.random.default_rng(5), []
+    for k in range(14):
+        at = np.arange(rng.uniform(0.0, 60.0), 4 * 86_400.0, 64.0)
+        value = 20.0 + 8.0 * np.sin(2.0 * np.pi * at / 86_400.0 + k) + 0.05 * rng.standard_normal(len(at))
+        engineering = np.where(np.sin(at / 9000.0) > 0.0, "ON", "OFF") if k > 11 else value.round(2)
+        table = pd.DataFrame({"TIME": text(seconds(*at)), "RAW": (10 * value).round(), "ENG": engineering})
+        table["UNIT"], table["VALIDITY"] = "-" if k > 11 else "degC", "VALID"
+        files.append(tmp_path / f"{'HB' if k > 11 else 'TT'}{100 + k}.dat")
+        table.to_csv(files[-1], index=False, sep=";")
+    result = run(app, ["init", str(tmp_path / "sat"), *map(str, files)])
+    assert result.exit_code == 0, result.output
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    channels = scenario.telemetry.channels
+    assert [(name, own.kind) for name, own in channels.items()] == [
+        (file.stem.lower(), "status" if file.name.startswith("HB") else "temperature") for file in files
+    ]
+    assert {own.column for own in channels.values()} == {("ENG",)}
+    assert all(own.valid_where == {"VALIDITY": ("VALID",)} for own in scenario.telemetry.packets.values())
+    assert scenario.telemetry.average == 300.0
+    written = tmp_path / "sat" / "scenario.yaml"
+    assert "average" not in lint(tmp_path / "sat")
+    written.write_text("".join(line for line in written.read_text().splitlines(True) if "average:" not in line))
+    assert "write 'average: 5 min' below 'telemetry:': means have their times in common" in lint(tmp_path / "sat")
+
+
+def test_lint_tells_of_many_rows_that_are_dropped_for_others_of_the_same_time(tmp_path: Path):
+    table = pd.concat([frame(60, seed=1), frame(40, seed=2)]).sort_values("time", kind="stable")
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    assert "advice: telemetry: 40 of 100 rows are dropped, for another row has the same time" in lint(tmp_path / "sat")
+
+
 def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: Path):
     table = pd.DataFrame({"Date/Time: UTC": text(seconds(*(60.0 * np.arange(40))))})
     rng = np.random.default_rng(1)

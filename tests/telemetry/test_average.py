@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
-from flightcal.telemetry import dense_channels, quality_table
+from flightcal.scenario import TelemetryFile
+from flightcal.telemetry import dense_channels, quality_table, read_telemetry
 
 from .files import CHANNELS, START, frame, read, seconds, text
 
@@ -118,3 +119,25 @@ def test_a_value_is_absent_exactly_where_it_has_a_flag(
 def test_a_block_shorter_than_the_sampling_is_an_error(tmp_path: Path):
     with pytest.raises(TelemetryError, match="found 'average: 10 s', expected at least its sampling interval of 60 s"):
         read(tmp_path, frame(10), average="10 s")
+
+
+def test_means_of_packets_that_are_sampled_at_different_times_have_their_times_in_common(tmp_path: Path):
+    """Three thermistors in files of their own; one of them has lost most of the samples of two blocks."""
+    rng, packets, channels = np.random.default_rng(2), {}, {}
+    for name, every, first in (("a", 64.0, 11.0), ("b", 64.0, 47.3), ("c", 128.0, 90.0)):
+        at = np.arange(first, 36_000.0, every)
+        if name == "b":
+            at = at[(at < 6000.0) | (at > 6410.0)]
+        value = 20.0 + 1e-3 * at + 5.0 * np.sin(at / 4000.0) + 0.02 * rng.standard_normal(len(at))
+        pd.DataFrame({"time": text(seconds(*at)), "T": value}).to_csv(tmp_path / f"{name}.csv", index=False)
+        packets[name] = {"file": f"{name}.csv", "time": {"column": "time"}}
+        channels[name] = {"packet": name, "column": "T", "kind": "temperature", "unit": "degC"}
+    dataset = read_telemetry(TelemetryFile(packets=packets, average="10 min", channels=channels), tmp_path)
+    assert dataset.sizes["time"] <= 36_000 / 600 + 2
+    at = (dataset["time"].to_numpy() - START) / np.timedelta64(1, "s")
+    for name, count in (("a", 9.4), ("b", 9.4), ("c", 4.7)):
+        error = dataset[name].to_numpy() - 293.15 - 1e-3 * at - 5.0 * np.sin(at / 4000.0)
+        known = np.isfinite(error)
+        assert known.sum() >= 57
+        # A mean over 600 s of what bends by 5 K / (4000 s)^2 is off by up to 5 x 600^2 / 24 / 4000^2 = 5 mK.
+        assert np.sqrt(np.mean(error[known] ** 2)) < 0.005 + 1.4 * 0.02 / np.sqrt(count)

@@ -42,6 +42,7 @@ def day_of_year(pattern: str) -> list[str]:
         ([24061 + minute / 1440 for minute in range(8)], "decimal-doy"),
         ([f"0x{cell:X}" for cell in UNIX], "unix"),
         (day_of_year("%d.%m.%Y %H:%M:%S"), "%d.%m.%Y %H:%M:%S"),
+        (day_of_year("%d.%m.%Y %H:%M:%S,250"), "%d.%m.%Y %H:%M:%S.%f"),
         (day_of_year("%d-%b-%Y %H:%M"), "%d-%b-%Y %H:%M"),
         (day_of_year("%Y%m%d_%H%M%S"), "%Y%m%d_%H%M%S"),
         ([int(cell) for cell in day_of_year("%Y%m%d%H%M%S")], "%Y%m%d%H%M%S"),
@@ -447,3 +448,19 @@ def test_numbers_that_are_none_in_parquet_are_no_readings(tmp_path: Path):
     pq.write_table(table, tmp_path / "data.parquet")
     (found,) = detect([tmp_path / "data.parquet"])
     assert [(column.name, column.unit) for column in found.columns] == [("T_A", "K")]
+
+
+def test_raw_readings_beside_their_values_are_left_out(tmp_path: Path):
+    table = pd.DataFrame({"time": text(TIMES)})
+    for name in ("TT1_RAW", "TT1_ENG", "RAW_TT2", "TT2", "TT3_RAW"):
+        table[name] = 280 + np.arange(8)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert [own.name for own in found.columns] == ["TT1_ENG", "TT2", "TT3_RAW"]
+    assert found.left_out == ("TT1_RAW", "RAW_TT2")
+
+
+def test_what_stands_where_times_are_looked_for_is_told(tmp_path: Path):
+    pd.DataFrame({"Time": ["2025-03-08 01:05 CET"] * 3, "TT_BAT": [1.0, 2.0, 3.0]}).to_csv(tmp_path / "a.csv")
+    with pytest.raises(TelemetryError, match=r"found no column of times .*; 'Time' holds '2025-03-08 01:05 CET'"):
+        detect([tmp_path / "a.csv"])

@@ -451,3 +451,13 @@ def test_tables_below_each_other_are_one_and_lines_are_those_of_the_file(tmp_pat
         TelemetryError, match=f"line {len(wrong) - 1}: channel 'battery', column 'TT_BAT': found 'warm'"
     ):
         read_telemetry(specification(channel), tmp_path)
+
+
+def test_comments_below_the_last_row_are_left_out_and_a_row_that_is_cut_off_is_not(tmp_path: Path):
+    table = frame(6)
+    written = table.to_csv(index=False)
+    np.testing.assert_allclose(
+        read(tmp_path, f"{written}# End of report, 6 rows\n")["battery"], table["TT_BAT"] + 273.15
+    )
+    with pytest.raises(TelemetryError, match="line 8: found 2 values, expected 4 as in the header"):
+        read(tmp_path, f"{written}2024-03-01T00:06:00Z,20\n")

@@ -171,3 +171,16 @@ def test_row_keys_are_equal_exactly_for_rows_of_equal_content(values: list, colu
     one = row_content(table[[column]], times, {column}).keys
     index = ["number", "word"].index(column)
     np.testing.assert_array_equal(one[:, np.newaxis] == one, [[a[index] == b[index] for b in values] for a in values])
+
+
+def test_equal_readings_of_one_sensor_as_counts_and_as_a_value_are_no_frozen_rows(tmp_path: Path):
+    """A thermistor that turns slowly, in coarse steps: at its extremes it reads the same for many samples."""
+    at = np.arange(3000)
+    counts = np.round(100.0 + 60.0 * np.sin(at / 60.0) + 0.1 * np.sin(at / 7.0)).astype(int)
+    table = pd.DataFrame({"time": text(seconds(*(64.0 * at))), "RAW": counts, "TT_BAT": counts * 0.25})
+    channels = {"battery": CHANNELS["battery"]}
+    assert not read(tmp_path, table, channels=channels)["flags"].any()
+    other = table.assign(TT_RAD=np.round(50.0 + 60.0 * np.cos(at / 60.0 + 1.0)))
+    other.loc[400:430, ["RAW", "TT_BAT", "TT_RAD"]] = other.loc[400, ["RAW", "TT_BAT", "TT_RAD"]].to_numpy()
+    found = np.flatnonzero(read(tmp_path, other, channels=channels)["flags"].to_numpy()[:, 0] == STALE)
+    np.testing.assert_array_equal(found, np.arange(401, 431))

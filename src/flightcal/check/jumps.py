@@ -25,6 +25,8 @@ _TOO, _NOISES_TOO = 2.0, 6.0
 """Another channel jumps too by so many times what is usual of it, and so many deviations of its noise."""
 _USUAL = 0.95
 """Quantile."""
+_FEW = 20
+"""Samples, of which nothing is said of how they go to and fro."""
 _SENT_AGAIN = 3
 """Equal samples of all that jumps after them: old telemetry was sent again, and its end is no matter of order."""
 
@@ -73,6 +75,23 @@ def jumps(
     return result
 
 
+def in_turns(channels: Sequence[str], observed: FloatArray, modelled: FloatArray) -> list[str]:
+    """Channels whose samples [T, N] K go to and fro between two courses, from each to the next; modelled: see `jumps`.
+
+    Rows of two satellites or units in one file do, in several channels at once.
+    """
+    found = []
+    for name, values, model in zip(channels, observed.T, modelled.T, strict=True):
+        known = np.isfinite(values)
+        to_next, to_second = (np.abs(values[known][k:] - values[known][:-k]) for k in (1, 2))
+        if len(to_second) < _FEW or not np.isfinite(model[known]).all():
+            continue
+        others = (float(np.median(own)) for own in (to_second, np.abs(np.diff(model[known]))))
+        if float(np.median(to_next)) > max(_LEAST, *(_TIMES * own for own in others)):
+            found.append(name)
+    return found if len(found) > 1 else []
+
+
 def _of_channel(
     times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray, adjoining: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
@@ -105,8 +124,20 @@ def _jumps_too(values: FloatArray, place: int) -> bool:
     return bool(moves[place] > max(_TOO * usual, _NOISES_TOO * noise_of(values)))
 
 
-def in_words(found: Sequence[Jump]) -> list[tuple[str, str, Words]]:
-    """Kind, what it is about, and words: of all that jumps at once, else of each channel that jumps."""
+def in_words(found: Sequence[Jump], turning: Sequence[str] = ()) -> list[tuple[str, str, Words]]:
+    """Kind, what it is about, and words: of all that jumps at once, else of each channel that jumps.
+
+    turning: channels that go to and fro, see `in_turns`.
+    """
+    if turning:
+        words = Words(
+            "Rows of two sources take turns",
+            f"{listed(list(turning))} go to and fro by kelvins from each sample to the next, and every second sample "
+            "is close to the one before it. No heat does that: rows of two satellites, units or sensors are in one "
+            "file.",
+            "Part them by the column that says whose a row is, such as a tag that was left out of an export",
+        )
+        return [("order", "rows", words)]
     together = [own for own in found if len(own.channels) > 1]
     if together:
         first, more = _largest(together)

@@ -27,7 +27,7 @@ from .broken import Broken, broken, stuck_throughout
 from .comparison import known_thermostats
 from .evaluate import PriorRuns
 from .evidence import Fit, climbed
-from .jumps import Jump, in_words, jumps
+from .jumps import Jump, in_turns, in_words, jumps
 from .misfit import misfit
 from .prepared import prepared
 from .suspicion import BAD, CLEAR, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
@@ -73,7 +73,8 @@ def suspects(
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in of_channels]
     found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
     found += [Suspicion("thresholds exchanged", pair, *astuple(words)) for pair, words in exchanged(window)]
-    jumped = in_words(_jumps(window, modelled, {own.channel for own in seen}))
+    turning = in_turns(window.simulator.channels, window.observed, modelled)
+    jumped = in_words(_jumps(window, modelled, {own.channel for own in seen}), turning)
     found = [*(Suspicion(kind, about, *astuple(words)) for kind, about, words in jumped), *found]
     if any(kind == "order" for kind, _, _ in jumped):
         why_not = "telemetry that is not in order is not compared with the simulator"

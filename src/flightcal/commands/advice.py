@@ -19,6 +19,8 @@ _LARGE = 100.0
 """m^2, of a face, beyond which it may be in cm^2."""
 _MUCH = 0.5
 """Share of a driver's samples beyond a table, from which it is told."""
+_MANY_DROPPED = 0.1
+"""Share of the rows that have another row's time, from which they are no accident."""
 _SHORT = 10.0
 """s, by which temperatures do not tell that a driver is late."""
 _COARSE = 0.05
@@ -27,6 +29,7 @@ _COARSE = 0.05
 
 def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) -> Iterator[str]:
     """What is not wrong, and had better be otherwise; trained: the windows to train on."""
+    yield from _of_conflicts(data)
     yield from _of_sampling(data, sum(len(window.times) for window in trained))
     yield from _of_channels(scenario, data)
     yield from _of_faces(scenario)
@@ -37,10 +40,28 @@ def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) 
     yield from of_steps(trained)
 
 
+def _of_conflicts(data: xarray.Dataset) -> Iterator[str]:
+    """Of rows that have their time in common with others, which are dropped."""
+    dropped, rows = data.attrs["conflicts"], data.attrs["rows_read"]
+    if dropped > _MANY_DROPPED * rows:
+        yield (
+            f"telemetry: {dropped} of {rows} rows are dropped, for another row has the same time and other values; "
+            "where a file has a row for each reading, 'readings' says so, and files of one parameter each are 'packets'"
+        )
+
+
 def _of_sampling(data: xarray.Dataset, rows: int) -> Iterator[str]:
     """Of samples that means would tell as much as."""
-    from ..telemetry import ENOUGH, LONG, MANY, dense_channels
+    from ..telemetry import ENOUGH, LONG, MANY, dense_channels, length_in_common
 
+    together = length_in_common(data, rows)
+    if together is not None:
+        yield (
+            f"telemetry: the packets are sampled at times of their own, {rows} of them in the windows to train on; "
+            f"write 'average: {together / 60:g} min' below 'telemetry:': means have their times in common, and "
+            "calibration takes a fraction of the time and memory"
+        )
+        return
     dense, length = dense_channels(data), ENOUGH
     if not dense and rows > MANY:
         dense, length = dense_channels(data, below=0.5 * LONG), LONG

@@ -38,7 +38,10 @@ _VARIES, _REACHES = 2.0, 5.0
 """By how much a temperature varies at least, and what it reaches on one side of zero: currents in A are smaller."""
 _UNIT_LENGTH, _NEARLY_ALL = 1e-3, 0.95
 """By how much the squares of a quaternion may differ from one, and of how many samples."""
-_LEFT_OUT = "for another time column write a packet of its own, for words of a heater's status `on` and `off`"
+_LEFT_OUT = (
+    "for another time column write a packet of its own, for words of a heater's status `on` and `off`, for what says "
+    "which rows are valid `valid_where`"
+)
 _NO_UNIT = "no unit, so measured inputs; of a temperature write `kind: temperature` and its unit"
 _GUESS = "  # PLACEHOLDER: a temperature by its values, not by its name"
 _HEAD = """\
@@ -96,6 +99,10 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         apart = f"{min(dense.values()):.3g} s"
         average = f"  average: {ENOUGH:g} s  # samples are {apart} apart, and temperatures change in minutes\n"
         data = _read(_telemetry(None, names, channels) + average)
+    together = _length_in_common(data, channels)
+    if together is not None:
+        average = f"  average: {together / 60:g} min  # packets are sampled at times of their own; means share theirs\n"
+        data = _read(_telemetry(None, names, channels) + average)
     notes, turned = [], _quaternions(data, channels)
     for some in turned:
         where = ", ".join(file.name for file in names[some[0].packet].files)
@@ -141,6 +148,17 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         notes.append(f"modes in '{modes.column}' ({listed}): {len(modes.changes) - 1} changes, in {_TIMELINE}")
     notes += [f"modes in '{own.column}': not written; there is one timeline of modes" for own in told[1:]]
     return made, notes
+
+
+def _length_in_common(data: xarray.Dataset, channels: Sequence[_Channel]) -> float | None:
+    """Seconds over which means of packets have few times in common; null: they need none."""
+    from ..telemetry import length_in_common
+
+    period = guess.period(data, [channel.name for channel in channels if channel.kind == "temperature"])
+    packets = {channel.name: channel.packet for channel in channels}
+    start, middle, _ = (np.datetime64(at) for at in guess.windows(data, packets, period))
+    times = data["time"].to_numpy()
+    return length_in_common(data, int(((times >= start) & (times < middle)).sum()))
 
 
 def _by_values(names: Mapping[str, FoundPacket], channels: Sequence[_Channel]) -> list[_Channel]:

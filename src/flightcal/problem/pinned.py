@@ -26,8 +26,8 @@ _MOST_GAPS = 0.1
 """Share of the time in which a node that is held may have no telemetry: a line is drawn through it,"""
 _ANY_GAP = {"longest_gap_s": np.inf}
 """however long it is."""
-_FAST = 3.0
-"""Times the interval between samples, below which a cycle of a thermostat is not seen."""
+_FAST, _BRIEF = 3.0, 2.0
+"""Times the interval between samples, below which a thermostat's cycle is not seen, or a time that it is on or off."""
 
 
 def pinned(
@@ -153,7 +153,11 @@ def fast_heaters(windows: Iterable[Window]) -> set[str]:
         except SimulationFailure:
             continue
         for k, name in zip(window.unmeasured, names, strict=True):
-            cycles = np.diff(switches.time[(switches.heater == k) & (switches.on > 0.5)])
-            if len(cycles) and np.median(cycles) < _FAST * window.interval:
+            own = switches.heater == k
+            at, on = switches.time[own], switches.on[own][:-1] > 0.5
+            cycles, spells = np.diff(at[switches.on[own] > 0.5]), np.diff(at)
+            is_fast = len(cycles) and np.median(cycles) < _FAST * window.interval
+            is_brief = any(some.any() and np.median(spells[some]) < _BRIEF * window.interval for some in (on, ~on))
+            if is_fast or (len(cycles) and is_brief):
                 found.add(name)
     return found

@@ -3,7 +3,7 @@
 Imports: environment, errors, scenario.
 """
 
-from .average import ENOUGH, LONG, MANY, dense_channels
+from .average import ENOUGH, LONG, MANY, dense_channels, length_in_common
 from .blurred import is_blurred, smoothed
 from .bridges import bridged, measured_inputs
 from .clean import usual_interval

@@ -26,6 +26,8 @@ _EARLIEST_FINE = np.datetime64("1973-01-01", "ns").astype(np.int64)
 _LATEST = np.datetime64("2150-01-01", "ns").astype(np.int64)
 _ZONE = r"[T ]\d{2}.*([zZ]|[+-]\d{2}(:?\d{2})?)$"
 _NOON = datetime(2024, 3, 1, 12, 0, 0, 500_000, tzinfo=UTC)
+_DECIMAL_COMMA = (r"(:\d{2}),(\d+)", r"\1.\2")
+"""Pattern and replacement of a comma before fractions of a second."""
 _HEXADECIMAL = r"0[xX][0-9a-fA-F]{1,15}"
 _COARSE_FINE = r"^(?:1/)?(?P<coarse>\d+)\s*[:., -]\s*(?P<fine>\d+)$"
 """As SPICE writes them, of the first partition."""
@@ -98,7 +100,7 @@ def readable_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) ->
 def _iso8601(column: pa.ChunkedArray) -> Nanoseconds:
     text = _trimmed(column)
     text = pc.replace_substring_regex(text, r"\s*(UTC|GMT)$", "Z")
-    text = pc.replace_substring_regex(text, r"(:\d{2}),(\d+)", r"\1.\2")
+    text = pc.replace_substring_regex(text, *_DECIMAL_COMMA)
     # A run of digits is a number of seconds that pandas would take for a year.
     text = pc.if_else(pc.match_substring_regex(text, r"^-?(\d{1,7}|\d{9,})(\.\d*)?$"), None, text)
     parsed = pd.to_datetime(text.to_numpy(zero_copy_only=False), format="ISO8601", utc=True, errors="coerce")
@@ -106,7 +108,10 @@ def _iso8601(column: pa.ChunkedArray) -> Nanoseconds:
 
 
 def _patterned(column: pa.ChunkedArray, pattern: str) -> Nanoseconds:
-    text = _trimmed(column).to_numpy(zero_copy_only=False)
+    trimmed = _trimmed(column)
+    if "," not in pattern:
+        trimmed = pc.replace_substring_regex(trimmed, *_DECIMAL_COMMA)
+    text = trimmed.to_numpy(zero_copy_only=False)
     parsed = pd.to_datetime(text, format=pattern, utc=True, errors="coerce")
     return _nanoseconds(parsed.tz_localize(None).to_numpy())
 

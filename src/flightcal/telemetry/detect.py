@@ -25,7 +25,7 @@ from .modes import FoundModes, activities_in, both, lasting, modes_in, start_and
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
 from .readings import follows, names_of, typed
-from .time_columns import LOOKED_AT, coarse_of, fine_of, is_numeric, is_second_time, time_of
+from .time_columns import LOOKED_AT, coarse_of, fine_of, is_called_time, is_numeric, is_second_time, time_of
 
 _COUNTS = {"unix": "1 Hz", "unix-ms": "1000 Hz", "unix-us": "1000000 Hz", "unix-ns": "1000000000 Hz"}
 """Counts a second of the UNIX formats."""
@@ -46,9 +46,12 @@ _ON_WORD = re.compile(r"(?i)^on|^heat|act|run|enab|clos|yes|true")
 _OFF_WORD = re.compile(r"(?i)off|^no|idle|inact|st(an)?d?by|stop|cool|disab|open|false")
 """Words that a heater's status has; what looks like both is off, as INACTIVE is."""
 _READING_NAME = re.compile(
-    r"(?i)param|name|mnemonic|channel|sensor|signal|item|measur|field|point|variable|metric|key|tag"
+    r"(?i)param|name|mnemonic|channel|sensor|signal|item|measur|field|series|point|variable|metric|key|tag"
 )
 _READING_VALUE = re.compile(r"(?i)value|reading|eng|cal|raw|result|^val")
+_RAW = re.compile(r"(?i)[\W_]*raw$|^raw[\W_]*")
+_MEANT = re.compile(r"(?i)[\W_]*(eng|cal|calibrated|value|val|conv)$|^(eng|cal)[\W_]+")
+"""What tells a column of raw readings from that of what they mean."""
 _UNITS = re.compile(r"(?i)^units?$")
 """Columns of a file with a row for each reading."""
 _VALIDITY = re.compile(r"(?i)valid|quality")
@@ -262,7 +265,11 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         if fine is None:
             listed = ", ".join(names[:12])
             wanted = "UTC times, UNIX times, year and day of year, or a clock's counter"
-            raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
+            likely = next((name for name in names if is_called_time(name)), None)
+            holds = "" if likely is None else f"; '{likely}' holds '{table[likely][0].as_py()}'"
+            raise TelemetryError(
+                f"{source.name}: found no column of times among {listed}, expected one with {wanted}{holds}"
+            )
         counts = coarse_of(table[clock])
         first, last = float(counts.min()), float(counts.max())
     else:
@@ -281,6 +288,8 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     head, units = _below_units(table.slice(0, LOOKED_AT), time)
     valid_where = _valid_where(table)
     others = [name for name in names if name not in found and name not in valid_where]
+    raw = [name for name in others if _meant_by(name, others)]
+    others = [name for name in others if name not in raw]
     said = {name: units.get(name) or _fahrenheit(name, names) for name in others}
     columns = {name: _column(name, head[name], source, said[name]) for name in others}
     modes = None
@@ -310,7 +319,7 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         tuple(part for own in parts.values() for part in own),
         source.header,
         fine or None,
-        tuple(name for name, own in parts.items() if not own and head[name].null_count < len(head[name])),
+        (*raw, *(name for name, own in parts.items() if not own and head[name].null_count < len(head[name]))),
         modes,
         valid_where=valid_where,
     )
@@ -349,6 +358,12 @@ def _readings(table: pa.Table, times: Nanoseconds) -> Readings | None:
     if not found:
         return None
     return Readings(name=min(found, key=itemgetter(0, 1))[2], value=_engineering(values))
+
+
+def _meant_by(name: str, others: list[str]) -> bool:
+    """Whether a column of raw readings has another one beside it that says what they mean."""
+    plain = _RAW.sub("", name)
+    return plain != name and any(_MEANT.sub("", other) == plain for other in others if other != name)
 
 
 def _engineering(values: list[str]) -> str:

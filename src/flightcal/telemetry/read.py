@@ -142,7 +142,7 @@ def _read_packet(
     # A slow packet stays as it is beside fast ones that are averaged.
     if length is None or (name and packet.average is None and length < interval):
         return dataset
-    return average(dataset, length)
+    return average(dataset, length, beside_others=packet.average is None and bool(beside or packet.readings))
 
 
 def _with_status(values: Values, channels: dict[str, Channel], conversions: dict[str, Conversion]) -> Values:

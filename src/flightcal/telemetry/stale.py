@@ -43,11 +43,28 @@ def row_content(frame: pd.DataFrame, times: Nanoseconds, named: Collection[str])
     hashes = pd.util.hash_pandas_object(ordered[columns], index=False).to_numpy().astype(np.uint64)
     again = hashes[1:] == hashes[:-1]
     suspect = np.append(again, False) | np.append(False, again)
-    witnesses = [_witness(ordered[name], suspect) for name in columns]
+    witnesses = [_witness(ordered[name], suspect) for name in _apart(ordered[columns])]
     keys, repeating = np.empty_like(hashes), np.ones(len(hashes))
     keys[order] = hashes
     repeating[order] = np.prod([chance for chance, _ in witnesses], axis=0)
     return RowContent(keys, repeating, checked=any(share < _MOVES for _, share in witnesses))
+
+
+def _apart(frame: pd.DataFrame) -> list[str]:
+    """The columns without those that an earlier one tells, or is told by: counts of a sensor, and what they mean."""
+    kept: dict[str, NDArray[np.intp]] = {}
+    for name in frame:
+        codes, values = pd.factorize(frame[name])
+        # A column that never has a value twice tells any other.
+        if not any(2 * len(values) < len(codes) and _is_told(codes, own) for own in kept.values()):
+            kept[name] = codes
+    return list(kept)
+
+
+def _is_told(codes: NDArray[np.intp], by: NDArray[np.intp]) -> bool:
+    """Whether equal values of one column always stand beside equal ones of the other, for each of several values."""
+    pairs = len(np.unique((codes.astype(np.int64) + 1) << 32 | (by + 1)))
+    return 2 < pairs == max(codes.max(), by.max()) + 1 and pairs <= 2 * (min(codes.max(), by.max()) + 1)
 
 
 def repeats(keys: RowKeys, repeating: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -203,6 +203,11 @@ def _are_days(times: Nanoseconds) -> bool:
     return bool(times.max() < _LAST_DAY and np.median(np.abs(np.diff(times))) < _HALF_A_DAY)
 
 
+def is_called_time(name: str) -> bool:
+    """Whether a column is called as times are."""
+    return _TIME_NAME.search(name) is not None
+
+
 def is_numeric(column: pa.ChunkedArray) -> bool:
     """Whether a column was read as numbers."""
     return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)

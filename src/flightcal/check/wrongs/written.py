@@ -125,7 +125,7 @@ def _number(
         f"The telemetry agrees with {_measured(value, 3, unit)}, not {_measured(value / factor, 4, unit)}."
         if one
         else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",
-        f"Check '{name}', and its unit",
+        f"Check '{name}', and its unit; if it is right, the scenario lacks something that acts like it",
     )
     yield Wrong("number", name, words, window=view.window.multiplied(places, factor), tries=tries, closer=closer)
 

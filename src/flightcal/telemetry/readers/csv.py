@@ -6,6 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Collection, Iterator
+from functools import partial
 from itertools import islice
 
 import pyarrow as pa
@@ -53,18 +54,21 @@ class Csv:
             strings_can_be_null=True,
         )
         parse = pa.csv.ParseOptions(delimiter=separator)
+        read = partial(pa.csv.read_csv, parse_options=parse, convert_options=convert)
         try:
             above = next(_lines(source, separator))[0] - 1
-            options = pa.csv.ReadOptions(skip_rows=above)
             with source.open() as file:
-                table = pa.csv.read_csv(file, read_options=options, parse_options=parse, convert_options=convert)
-            if _has_header_again(table, header):
-                text = io.BytesIO(_one_table(source, above))
-                table = pa.csv.read_csv(text, parse_options=parse, convert_options=convert)
-        except pa.ArrowInvalid as error:
+                table = read(file, read_options=pa.csv.ReadOptions(skip_rows=above))
+            is_whole = not _has_header_again(table, header)
+        except pa.ArrowInvalid:
             # Arrow names no line when it reads in parallel; a second, slow look does.
             _check_encoding(source)
-            raise _ragged(source, separator, len(header)) or error from None
+            ragged = _ragged(source, separator, len(header))
+            if ragged is not None:
+                raise ragged from None
+            is_whole = False
+        if not is_whole:
+            table = read(io.BytesIO(_one_table(source, separator)))
         if any(pa.types.is_binary(kind) for kind in table.schema.types):
             _check_encoding(source)
         return _with_points(table) if commas else table
@@ -107,13 +111,11 @@ def _has_header_again(table: pa.Table, header: list[str]) -> bool:
     return pa.types.is_string(column.type) and bool(pc.any(pc.equal(column, header[place])).as_py())
 
 
-def _one_table(source: Source, above: int) -> bytes:
-    """The header, which has so many lines above it, and the rows of all tables, without what stands above each."""
-    with source.open() as file:
-        header, *lines = islice(file, above, None)
-    annotations = tuple(map(str.encode, _ANNOTATIONS))
-    own = header.removeprefix(b"\xef\xbb\xbf").strip()
-    return header + b"".join(line for line in lines if line.strip() != own and not line.startswith(annotations))
+def _one_table(source: Source, separator: str) -> bytes:
+    """The header and the rows of all tables in a file, as text, without what stands above, between and below them."""
+    text = io.StringIO()
+    csv.writer(text, delimiter=separator).writerows(cells for _, cells in _lines(source, separator))
+    return text.getvalue().encode()
 
 
 def _ragged(source: Source, separator: str, columns: int) -> TelemetryError | None:
@@ -181,5 +183,7 @@ def _lines(source: Source, separator: str) -> Iterator[tuple[int, list[str]]]:
         for cells in reader:
             if not cells or reader.line_num < (source.header or 1) or cells[0] in _ANNOTATIONS or cells == header:
                 continue
+            if header is not None and cells[0].startswith("#") and len(cells) != len(header):
+                continue  # a comment, such as one below the last row
             header = header or cells
             yield reader.line_num, cells
