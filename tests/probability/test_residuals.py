@@ -1,7 +1,5 @@
 """Noise and discrepancy of a problem: what of them is in theta, and that both ways to the density agree."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -332,16 +330,3 @@ def test_the_mode_is_found_through_that_of_independent_noise(tmp_path):
     assert theta["link"] == pytest.approx(0.65, abs=0.02)
     coordinates = whitening(found.z, problem.gauss_newton_hessian(found.z))
     assert np.isfinite(problem.native_density(coordinates)(0.1 * np.ones(len(found.z)))[0])
-
-
-@pytest.mark.parametrize("model", ["phase", "phase and ar1"])
-def test_the_beginning_of_a_window_has_the_density_of_telemetry_that_ends_there(model, tmp_path):
-    scenario, data = made(tmp_path, *MODELS[model])
-    whole = build_problem(scenario, data)
-    (window,) = whole.windows
-    elapsed = (window.times - window.times[0]) / (window.times[-1] - window.times[0])
-    late = data["time"].isin(window.times[elapsed > 0.5])
-    ended = build_problem(scenario, data.assign({name: data[name].where(~late) for name in window.simulator.channels}))
-    z = near_truth(whole)
-    kept = replace(whole, windows=(window.of_temperatures((elapsed <= 0.5)[:, None]),))
-    assert kept.log_density(z) == pytest.approx(ended.log_density(z), rel=1e-12)

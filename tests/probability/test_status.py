@@ -122,14 +122,6 @@ def test_the_density_has_what_the_status_adds(problem):
     assert abs(added) > 1.0
 
 
-def test_it_is_no_part_of_a_problem_of_the_temperatures_alone(problem):
-    z = near_truth(problem, 0)
-    expected = without_status(problem).log_density(z)
-    (window,) = problem.windows
-    alone = replace(problem, windows=(window.of_temperatures(np.ones((len(window.times), 1), bool)),))
-    assert alone.log_density(z) == pytest.approx(expected, rel=1e-12)
-
-
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("loop", ["closed", "open"])
 def test_value_and_gradient_agree_with_differences(problem, loop, seed):

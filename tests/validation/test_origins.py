@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from flightcal.errors import RunError
+from flightcal.scenario import Window
+from flightcal.telemetry import select_window
 from flightcal.validation import plan_origins, read_length
 from flightcal.validation.origins import measured_drivers
 from tests import small
 
+OTHER_PACKET = 32
 HOUR = np.timedelta64(1, "h")
 MINUTE = np.timedelta64(1, "m")
 
@@ -84,9 +87,26 @@ def test_rows_of_a_faster_packet_do_not_make_temperatures_seem_rare(scenario):
     loaded, data = scenario
     seconds = np.arange(0, 30 * 3600, 10).astype("timedelta64[s]")
     merged = data.reindex(time=np.unique(np.concatenate([data["time"].values, small.START + seconds])))
+    merged["flags"] = merged["flags"].fillna(OTHER_PACKET).astype(np.uint8)
     merged.attrs["sampling_interval_s"] = 10.0
     expected = hours_of(plan_origins(loaded, data, 5))
     np.testing.assert_allclose(hours_of(plan_origins(loaded, merged, 5)), expected)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_prediction_ends_within_the_telemetry_where_rows_are_lost_at_random(scenario, seed):
+    loaded, data = scenario
+    kept = np.flatnonzero(np.random.default_rng(seed).random(data.sizes["time"]) > 0.35)
+    lossy = data.isel(time=kept)
+    plan = plan_origins(loaded, lossy, 5)
+    assert len(plan.origins) == 5
+    for origin in plan.origins:
+        ahead = Window.model_construct(start=at(origin.time), end=at(origin.end), orbits=None, planned=False)
+        assert select_window(lossy, ahead, plan.period).sizes["time"] > 0
+
+
+def at(time):
+    return time.astype("datetime64[us]").item()
 
 
 def test_one_channel_that_is_missing_is_no_gap(scenario):

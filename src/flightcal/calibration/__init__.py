@@ -29,7 +29,7 @@ from .optimisation import (
     posterior_mean,
     with_residual_noise,
 )
-from .posterior import Posterior, mean_and_some, some_of, thetas_of
+from .posterior import Posterior, mean_and_some, some_of
 from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated, read_fixed_numbers
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
 from .table import Calibrated, html_table

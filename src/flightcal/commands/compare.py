@@ -1,8 +1,7 @@
 """`flightcal compare`: a scenario with several models of what the simulator lacks, side by side on unseen windows.
 
 Every model is the whole experiment in a folder of its own. What is compared is how well its posterior predicts the
-windows that come after the training: leaving out the future, as an operator does. Leaving blocks out of the training
-window stands beside it.
+windows that come after the training: leaving out the future, as an operator does.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import GATE_FAILED, RunError
+from ..errors import GATE_FAILED, MODEL_FAILED, RunError
 from ..progress import SILENT, Progress, about
 from .backtest import ORIGINS, PREDICTIONS, backtest_scenario
 from .calibrate import Summary, run_experiment
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     import xarray
 
     from ..scenario import Scenario
-    from ..validation import BlockLoo
 
 _RESULT = "comparison.json"
 _LEFT_OUT = "left_out.json"
@@ -106,7 +104,7 @@ def compare_models(
     from ..prediction import PREDICTION_FILE, score
     from ..report import write_comparison
     from ..run import locked, plain, sweep, write_json, write_text
-    from ..scenario import heat_of, is_trained, load_scenario, resolved_yaml
+    from ..scenario import is_trained, load_scenario, resolved_yaml
     from ..telemetry import read
     from ..validation import (
         USUAL,
@@ -139,7 +137,7 @@ def compare_models(
     with locked(folder, _LOCK):
         sweep(folder)
         summaries: dict[str, Summary] = {}
-        loos, others, backtests, rolled = {}, {}, {}, {}
+        others, backtests, rolled = {}, {}, {}
         progress.say(_expected(scenario, models, leave_windows_out=leave_windows_out, backtest=backtest))
         for model in models:
             progress.say(model)
@@ -151,8 +149,6 @@ def compare_models(
             summaries[model] = run_experiment(file, folder / model, searched=searched, progress=progress)
             if summaries[model].interrupted:
                 raise KeyboardInterrupt
-            if heat_of(own) is None:
-                loos[model] = _block_loo(file, summaries[model])
             if leave_windows_out:
                 others[model] = _left_out(file, summaries[model], progress)
             if backtest:
@@ -176,7 +172,8 @@ def compare_models(
             model: [metric for window, own in of_model.items() for metric in score(own, window)]
             for model, of_model in predictions.items()
         }
-        content = comparison_of(scenario.name, metrics, loos, passed, backtests, predictions)
+        useless = [model for model, own in summaries.items() if own.verdict.exit_code == MODEL_FAILED]
+        content = comparison_of(scenario.name, metrics, passed, useless, backtests, predictions)
         content |= {"left_out": others, "failed_gates": {model: _failed(own) for model, own in summaries.items()}}
         content["interval"] = scenario.calibration.prediction.interval
         write_json(folder / _RESULT, plain(content))
@@ -213,18 +210,6 @@ def _expected(scenario: Scenario, models: Sequence[str], *, leave_windows_out: b
     if needs_emulator(problem):
         return f"{words}, each with an emulator of its own"
     return f"{words}; sampling takes {about(count * rough_seconds(problem, own.calibration.nuts))} in all"
-
-
-def _block_loo(file: Path, summary: Summary) -> BlockLoo:
-    """From the posterior of a finished run."""
-    from ..problem import build_problem
-    from ..run import read_tree
-    from ..scenario import load_scenario
-    from ..telemetry import read
-    from ..validation import block_loo
-
-    scenario = load_scenario(file)
-    return block_loo(build_problem(scenario, read(scenario)), read_tree(summary.run / "posterior.nc"))
 
 
 def _left_out(file: Path, summary: Summary, progress: Progress) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..environment import orbit_phase
 from ..scenario import Discrepancy, Prior, Scenario, discrepancy_of, noise_of
@@ -79,10 +78,6 @@ class ResidualModel:
         fixed = np.zeros(self.fixed.shape)
         fixed[:, DEVIATION] = deviations
         return replace(self, terms=terms, fixed=fixed, entries=())
-
-    def at_samples(self, valid: NDArray[np.bool_]) -> ResidualModel:
-        """The same where other samples [T, N] are valid."""
-        return replace(self, terms=replace(self.terms, valid=np.ascontiguousarray(valid.T)))
 
     def deviations(self, numbers: FloatArray) -> FloatArray:
         """Standard deviation of the noise of one sample of each channel [N], K; numbers: [N, n]."""

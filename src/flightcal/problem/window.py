@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..compiled import Spare
 from ..environment import orbital_period
@@ -331,12 +330,6 @@ class Window:
     def independent(self) -> Window:
         """The same window, its theta too, with independent normal noise alone: no discrepancy, no correlation."""
         return replace(self, residuals=self.residuals.independent())
-
-    def of_temperatures(self, kept: NDArray[np.bool_]) -> Window:
-        """The same with the temperatures alone, and of these only the samples that are kept, [T, N] or [T, 1]."""
-        observed = np.where(kept, self.observed, np.nan)
-        residuals = self.residuals.at_samples(np.isfinite(observed))
-        return replace(self, observed=observed, residuals=residuals, heater_status=None)
 
     def with_known_shape(
         self, kinds: Sequence[NoiseKind], scales: Mapping[str, Prior], deviations: FloatArray | None = None

@@ -11,7 +11,7 @@ from .findings import Finding
 from .page import compose
 from .run_files import Record, read_content
 from .tables import Cell, Table
-from .text import count, number, percent
+from .text import number, percent
 
 WORDS = {
     "heat": "heat that the model does not know of, the default",
@@ -40,7 +40,6 @@ def write_comparison(folder: Path) -> Path:
         *([Section("backtest", "Rolling origins", _backtest(content))] if content.get("backtest") else []),
         Section("comparison", "Unseen windows", _scores(content)),
         Section("channels", "By window and channel", [block.table(_channels(content))]),
-        Section("blocks", "Blocks left out of the training", _blocks(content)),
     ]
     if content.get("left_out"):
         sections.append(Section("windows", "Training windows left out", _left_out(content)))
@@ -64,6 +63,9 @@ def _findings(content: Record) -> list[Finding]:
         details = tuple(f"{model}: {', '.join(gates[model])}" for model in failed if gates.get(model))
         words = "See their own reports before using their scores."
         findings.append(Finding("warn", f"Not converged: {', '.join(failed)}", words, details))
+    if content["useless"]:
+        title = f"Not to be used, by their own verdict: {', '.join(content['useless'])}"
+        findings.append(Finding("warn", title, "Their own pages say why."))
     return findings
 
 
@@ -120,24 +122,6 @@ def _channels(content: Record) -> Table:
     ]
     header = ("window", "channel", "model", *(title for title, _, _ in SCORES.values()))
     return Table(header, rows, range(3, len(header)))
-
-
-def _blocks(content: Record) -> list[Block]:
-    rows = [
-        [model, number(loo["density"], 5), number(loo["below_best"], 3), number(loo["standard_error"], 2),
-         Cell(f"{count(loo['unreliable'])} of {count(loo['blocks'])}", "warn" if loo["unreliable"] else "")]
-        for model, loo in content["blocks"].items()
-    ]  # fmt: skip
-    header = ("model", "log density, nat", "below the best", "standard error of that", "blocks with Pareto k above 0.7")
-    return [
-        block.table(Table(header, rows, range(1, len(header)))),
-        block.text(
-            "Each quarter of an orbit of the training window is predicted from all the others (PSIS-LOO in blocks). "
-            "Where Pareto k is above 0.7 leaving the block out changes the posterior too much for this to be exact. "
-            "Neighbours in time are known here, so noise with a memory looks better than it is for the future. "
-            "Not done for models with unmodelled heat.",
-        ),
-    ]
 
 
 def _left_out(content: Record) -> list[Block]:

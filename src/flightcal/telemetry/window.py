@@ -70,6 +70,17 @@ def select_window(
     return selected
 
 
+def end_of_telemetry(dataset: xr.Dataset) -> np.datetime64:
+    """Up to when a window may go: no packet ends more than its usual interval before."""
+    times = dataset["time"].to_numpy()
+    return np.datetime64(min(times[own][-1] + _slack(times[own]) for own in _packets(dataset).values()))
+
+
+def _slack(times: NDArray[np.datetime64]) -> np.timedelta64:
+    """How far a window may reach beyond the times of a packet."""
+    return np.median(np.diff(times)) if len(times) > 1 else np.timedelta64(0, "ns")
+
+
 def _planned(
     dataset: xr.Dataset, start: np.datetime64, end: np.datetime64, read: NDArray[np.datetime64], lead: float
 ) -> xr.Dataset:
@@ -112,7 +123,7 @@ def _sampled(dataset: xr.Dataset) -> NDArray[np.bool_]:
 def _check_within(
     times: NDArray[np.datetime64], start: np.datetime64, end: np.datetime64, name: str, packet: str, plan: str
 ) -> None:
-    slack = np.median(np.diff(times)) if len(times) > 1 else np.timedelta64(0, "ns")
+    slack = _slack(times)
     of = f" of packet '{packet}'" if packet else ""
     span = f"{'it' if packet else 'telemetry'} runs from {clock_text(times[0])} to {clock_text(times[-1])}"
     if end <= times[0] or start > times[-1]:

@@ -5,8 +5,7 @@ scenario, simulator, telemetry.
 """
 
 from .backtest import backtest_record, check_simulator, origin_settings, origin_stage
-from .block_loo import BlockLoo
-from .comparison import MODELS, USUAL, block_loo, comparison_of, models_of, scored_by_all, variant
+from .comparison import MODELS, USUAL, comparison_of, models_of, scored_by_all, variant
 from .full_simulator import FULL_SIMULATOR, flown_from
 from .horizon import ALL, ahead, band_scores
 from .left_out import check_windows, leave_windows_out

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import xarray
 
-from ..calibration import thetas_of
-from ..environment import orbital_period
 from ..prediction import Metric, values_of
-from ..problem import Problem
 from ..scenario import (
     NEEDS,
     NOISE_BESIDE_HEAT,
@@ -28,7 +25,6 @@ from ..scenario import (
     noise_of,
 )
 from ..simulator import FloatArray
-from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
 from .horizon import ALL
 from .residuals import effective_samples
 
@@ -43,7 +39,6 @@ COVERED = (0.90, 0.99)
 """What the 95% interval may cover of unseen telemetry without a word of caution."""
 CLEAR = 2.0
 """Standard errors by which a difference between two models must differ from zero."""
-_DRAWS = 200
 
 
 def models_of(scenario: Scenario) -> tuple[str, ...]:
@@ -106,17 +101,18 @@ def scored_by_all(
 def comparison_of(
     name: str,
     metrics: Mapping[str, Sequence[Metric]],
-    loos: Mapping[str, BlockLoo],
     passed: Mapping[str, bool],
+    useless: Collection[str] = (),
     backtests: Mapping[str, Mapping[str, Any]] | None = None,
     predictions: Mapping[str, Mapping[str, xarray.Dataset]] | None = None,
 ) -> dict[str, Any]:
-    """Content of comparison.json: scores by model, the blocks left out, and what is recommended and why.
+    """Content of comparison.json: scores by model, and what is recommended and why.
 
-    metrics, backtests and predictions: of samples that every model scores (`scored_by_all`). loos: of those models for
-    which blocks were left out. backtests: backtest.json of each model; where they are given, they tell which model is
-    recommended. predictions: of each model by unseen window; they or the backtests tell the error of a difference.
-    Nothing is recommended (None) where another model that was sampled well is within `CLEAR` errors of the best.
+    metrics, backtests and predictions: of samples that every model scores (`scored_by_all`). passed: whether each model
+    was sampled well; useless: those whose own verdict is not to use them. Neither is recommended where there is
+    another. backtests: backtest.json of each model; where they are given, they tell which model is recommended.
+    predictions: of each model by unseen window; they or the backtests tell the error of a difference. Nothing is
+    recommended (None) where another such model is within `CLEAR` errors of the best.
     """
     rows = []
     for model, found in metrics.items():
@@ -127,15 +123,16 @@ def comparison_of(
     means = {
         model: _means([row for row in rows if row["model"] == model and row["channel"] == "all"]) for model in metrics
     }
-    best = max(loos.values(), key=lambda loo: loo.density)
     rolling = {model: backtest_summary(content) for model, content in (backtests or {}).items()}
-    chosen, reason = recommend_by_backtest(rolling) if rolling else recommend(means, loos, passed)
+    of_gates = {model: own["passed"] for model, own in rolling.items()} if rolling else passed
+    sampled = [model for model in metrics if of_gates[model]] or list(metrics)
+    eligible = [model for model in sampled if model not in useless] or sampled
+    chosen, reason = recommend_by_backtest(rolling, eligible) if rolling else recommend(means, eligible)
     recommended: str | None = chosen
     differences = (
         _crps_differences(backtests, chosen) if backtests else _log_score_differences(predictions or {}, chosen)
     )
-    of_gates = {model: own["passed"] for model, own in rolling.items()} if rolling else passed
-    rivals = [model for model, own in differences.items() if of_gates[model] and not own.clear]
+    rivals = [model for model, own in differences.items() if model in eligible and not own.clear]
     if rivals:
         recommended, reason = None, f"{_undecided(chosen, rivals, differences, backtest=bool(rolling))} {reason}"
     return {
@@ -145,19 +142,10 @@ def comparison_of(
         "reason": reason,
         "differences": {model: asdict(own) for model, own in differences.items()},
         "passed": passed,
+        "useless": sorted(useless),
         "scores": rows,
         "means": means,
         "backtest": rolling,
-        "blocks": {
-            model: {
-                "density": loo.density,
-                "below_best": best.density - loo.density,
-                "standard_error": float(np.sqrt(len(loo.of_blocks)) * np.std(best.of_blocks - loo.of_blocks)),
-                "blocks": len(loo.of_blocks),
-                "unreliable": loo.unreliable,
-            }
-            for model, loo in loos.items()
-        },
     }
 
 
@@ -261,21 +249,20 @@ def backtest_summary(content: Mapping[str, Any]) -> dict[str, Any]:
     return kept | {"held": content["held"], "origins": len(content["origins"]), "passed": content["passed"]}
 
 
-def recommend_by_backtest(rolling: Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:
-    """The model to use, and why: of those that were sampled well, the one with the lowest CRPS.
+def recommend_by_backtest(rolling: Mapping[str, Mapping[str, Any]], eligible: Sequence[str]) -> tuple[str, str]:
+    """The model to use, and why: of those that are eligible, the one with the lowest CRPS.
 
     rolling: `backtest_summary` of each model.
     """
-    sampled = [model for model, own in rolling.items() if own["passed"]] or list(rolling)
-    best = min(sampled, key=lambda model: rolling[model]["crps"])
+    best = min(eligible, key=lambda model: rolling[model]["crps"])
     own = rolling[best]
-    others = [model for model in rolling if model not in sampled and rolling[model]["crps"] < own["crps"]]
-    among = " of those that converged" if others else ""
+    others = [model for model in rolling if model not in eligible and rolling[model]["crps"] < own["crps"]]
+    among = " of those that can be used" if others else ""
     words = [
         f"After rolling origins '{best}' has the lowest CRPS{among}, {own['crps']:.3g} K. Its interval covers "
         f"{own['coverage']:.1%} and held after {own['held']} of {own['origins']} origins."
     ]
-    holding = [model for model in sampled if rolling[model]["held"] > own["held"]]
+    holding = [model for model in eligible if rolling[model]["held"] > own["held"]]
     if holding:
         safe = max(holding, key=lambda model: (rolling[model]["held"], -rolling[model]["crps"]))
         words.append(
@@ -285,8 +272,8 @@ def recommend_by_backtest(rolling: Mapping[str, Mapping[str, Any]]) -> tuple[str
     if others:
         named = [f"{name} ({rolling[name]['crps']:.3g} K, held after {rolling[name]['held']})" for name in others]
         words.append(
-            f"A lower CRPS, but not converged: {', '.join(named)}. Mend its sampling first (the page of its backtest "
-            "says how): it may be the better one."
+            f"A lower CRPS, but not converged or not to be used: {', '.join(named)}. Its own page and that of its "
+            "backtest say what to mend first: it may be the better one."
         )
     return best, " ".join(words)
 
@@ -300,24 +287,21 @@ def _means(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
     return means
 
 
-def recommend(
-    means: Mapping[str, Mapping[str, float | None]], loos: Mapping[str, BlockLoo], passed: Mapping[str, bool]
-) -> tuple[str, str]:
-    """The model to use, and why: of those that were sampled well, the one with the best log score.
+def recommend(means: Mapping[str, Mapping[str, float | None]], eligible: Sequence[str]) -> tuple[str, str]:
+    """The model to use, and why: of those that are eligible, the one with the best log score.
 
     The log score is proper (Gneiting & Raftery 2007): an interval too narrow costs it as much as one too wide.
     """
     scores = {model: -np.inf if of["log_score"] is None else of["log_score"] for model, of in means.items()}
     covers = [model for model, of in means.items() if of["picp"] and COVERED[0] <= of["picp"] <= COVERED[1]]
-    sampled = [model for model in means if passed[model]] or list(means)
-    best = max(sampled, key=scores.__getitem__)
+    best = max(eligible, key=scores.__getitem__)
     share = means[best]["picp"]
     covered = "" if share is None else f"; its 95% interval covers {share:.1%} of them"
     words = [
         f"On the windows that come after the training, '{best}' has the best log score, {scores[best]:.3f} nats a "
         f"sample{covered}."
     ]
-    covering = [model for model in sampled if model in covers]
+    covering = [model for model in eligible if model in covers]
     if best not in covers and covering:
         safe = max(covering, key=scores.__getitem__)
         words.append(
@@ -326,19 +310,11 @@ def recommend(
         )
     elif best not in covers:
         words.append("No model's interval covers between 90% and 99%: take none of these intervals at its word.")
-    others = [model for model in means if model not in sampled and scores[model] > scores[best]]
+    others = [model for model in means if model not in eligible and scores[model] > scores[best]]
     if others:
-        words.append(f"A better log score, but not converged: {', '.join(others)}.")
+        words.append(f"A better log score, but not converged or not to be used: {', '.join(others)}.")
     if best != "iid" and "iid" in means:
         words += [f"Against 'iid': {_change(means, best, 'crps', 'CRPS')}, {_change(means, best, 'mpiw', 'MPIW')}."]
-    inside = max(loos, key=lambda model: loos[model].density)
-    if inside == best:
-        words.append("It also predicts blocks left out of the training window best.")
-    elif best in loos:
-        words.append(
-            f"Blocks left out of the training window are predicted best by '{inside}', which says less: their "
-            "neighbours in time are known, those of the future are not."
-        )
     return best, " ".join(words)
 
 
@@ -347,17 +323,3 @@ def _change(means: Mapping[str, Mapping[str, float | None]], model: str, metric:
     if value is None or not reference:
         return f"{title} undefined"
     return f"{title} {value:.3g} K instead of {reference:.3g} K ({value / reference - 1:+.0%})"
-
-
-def block_loo(problem: Problem, posterior: xarray.DataTree) -> BlockLoo:
-    """How well blocks of the training windows are predicted by a posterior that has not seen them."""
-    scenario = problem.scenario
-    thetas = thetas_of(posterior, problem.names)
-    rng = np.random.default_rng(scenario.calibration.seed)
-    thetas = thetas[rng.choice(len(thetas), min(_DRAWS, len(thetas)), replace=False)]
-    period = orbital_period(scenario.environment, scenario.folder)
-    parts = []
-    for window in problem.windows:
-        inside = problem.at(window, thetas)
-        parts.append(block_log_likelihood(window, inside, blocks_of(window.times, period)))
-    return leave_blocks_out(np.concatenate(parts, axis=1))

@@ -15,7 +15,7 @@ from ..environment import orbital_period
 from ..errors import RunError, TelemetryError
 from ..scenario import Scenario, SimulatorModel, Window, to_si
 from ..simulator import FloatArray
-from ..telemetry import driver_series, measured_inputs, usual_interval, window_bounds
+from ..telemetry import driver_series, end_of_telemetry, measured_inputs, usual_interval, window_bounds
 
 AHEAD: Final = "ahead"
 """Window that begins at an origin."""
@@ -110,7 +110,8 @@ def plan_origins(
                 return f"a measured driver has a gap in the {words} that cannot be bridged"
         return ""
 
-    first, latest = times[0] + _span(train - spacing), times[-1] - _span(period - spacing)
+    last = min(times[-1] + _span(spacing), end_of_telemetry(telemetry))
+    first, latest = times[0] + _span(train - spacing), last - _span(period)
     if latest < first:
         found = (times[-1] - times[0]) / np.timedelta64(1, "s") / period
         raise RunError(
@@ -125,7 +126,6 @@ def plan_origins(
         found = "; ".join(dict.fromkeys(reasons))
         raise RunError(f"backtest: no origin can stand in this telemetry ({found}); a shorter --train needs less")
     chosen = usable[np.unique(np.linspace(0, len(usable) - 1, count).round().astype(int))]
-    last = times[-1] + _span(spacing)
     origins = []
     for at in chosen:
         end = min(at + _span(horizon), last)
