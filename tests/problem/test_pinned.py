@@ -93,6 +93,25 @@ def test_a_heater_without_a_status_is_known_by_what_it_would_do(told, tmp_path):
     assert window.unmeasured == ()
 
 
+@pytest.mark.parametrize(("capacity", "seen"), [(600, False), (3000, True)])
+def test_a_heater_without_a_status_that_is_on_for_less_than_two_samples_is_not_seen(tmp_path, capacity, seen):
+    """A cycle of 600 J/K takes four samples, of which it is on for less than two; of 3,000 J/K both take nine."""
+    written = without_status(fast())
+    written["simulator"]["nodes"]["body"]["capacity"] = f"{capacity} J/K"
+    written["parameters"]["capacity"]["prior"] = {"lognormal": {"median": f"{capacity} J/K", "factor": 1.2}}
+    problem = build_problem(*small.load(tmp_path, written))
+    assert fast_heaters(problem.windows) == (set() if seen else {"heater"})
+
+
+def test_the_steps_are_those_that_the_other_nodes_need(tmp_path):
+    """How a held node begins, and each bend of its telemetry, would ask for six times as many."""
+    written = fast()
+    del written["simulator"]["step"]
+    problem = build_problem(*small.closed_loop(tmp_path, written, **THETA))
+    held_, free = (window.network.accuracy.steps for window in (opened(problem), problem.windows[0]))
+    assert held_ < free
+
+
 def test_where_each_switch_is_seen_and_where_a_node_has_no_channel_nothing_is_held(told, tmp_path):
     scenario, data = small.closed_loop(tmp_path, small.content() | {"heat": {}})
     assert held(open_loop(scenario), data)[1] is data

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import xarray
 
-from ..scenario import Scenario, numbers_of, step_tolerance
+from ..scenario import Scenario, SimulatorModel, numbers_of, step_tolerance
 from .assembly import ParameterMap, assemble
 from .balance import balanced
 from .drive import Times, drive_on, make_grid, window_inputs
@@ -19,6 +19,9 @@ from .steps import ROOM, Comparison, choose_grid, measure, to_try
 from .system import FloatArray
 
 _WILD = 1e5  # K
+_AT_ONCE, _SETTLES, _LOOSELY = 1.0, 5.0, 0.2
+"""1/s, of a node that follows a boundary; s, in which it gets there; and share of its errors that counts, for they move
+nothing but its own channel."""
 
 
 TIME_ERROR = "telemetry.time_error"
@@ -81,6 +84,8 @@ def network_simulator(
     simulator = replace(simulator, network=balanced(simulator, np.median(thetas, axis=0)))
     thetas = thetas[to_try(network.structure, assemble(simulator.mapping, network.terms, thetas)[1])]
 
+    follows = [_follows_telemetry(scenario.network, str(item.node)) for item in observed.values()]
+
     def compare(grid: FloatArray, halves: FloatArray) -> Comparison | None:
         looking = replace(simulator, observation=Observation(halves, sensors), scatter=np.zeros(0))
         runs = [replace(looking, drive=drive_on(inputs, points)).simulate_many(thetas) for points in (grid, halves)]
@@ -88,7 +93,9 @@ def network_simulator(
         if not (pairs and observed):
             return None
         switched = [np.concatenate([a.switches.time, b.switches.time]) for a, b in pairs]
-        return Comparison(np.stack([a.temperatures - b.temperatures for a, b in pairs]), switched)
+        off = np.stack([a.temperatures - b.temperatures for a, b in pairs])
+        off[:, :, follows] *= np.where(halves < _SETTLES, 0.0, _LOOSELY)[:, None]
+        return Comparison(off, switched)
 
     if scenario.network.step is not None:
         found = measure(coarse, compare)
@@ -100,6 +107,15 @@ def network_simulator(
 def _is_wild(run: Trajectory) -> bool:
     """Whether a simulation tells nothing of the length of steps, for it diverges."""
     return len(run.temperatures) > 0 and not float(np.abs(run.temperatures).max()) < _WILD
+
+
+def _follows_telemetry(model: SimulatorModel, node: str) -> bool:
+    """Whether a node is at the temperature of a measured boundary within a second."""
+    capacity = None if node not in model.nodes else model.nodes[node].capacity
+    if capacity is None:
+        return False
+    links = [own for own in model.conductors if node in own.between and (own.conductance or 0.0) > _AT_ONCE * capacity]
+    return any(isinstance(model.nodes[other].boundary, str) for own in links for other in own.between if other != node)
 
 
 def _as_written(simulator: NetworkSimulator, scenario: Scenario) -> FloatArray:
