@@ -25,7 +25,7 @@ from ..progress import SILENT, Progress, about
 from ..scenario import EmulatorSettings, NutsSettings
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import quiet_noise
-from .design import Campaign, Evaluate, Runs, check_start, on_all_windows, start_thetas, taken, thetas_of, title
+from .design import Evaluate, RealRuns, Runs, check_start, on_all_windows, start_thetas, taken, thetas_of, title
 from .emulator import Emulator, fit_emulator, simulated_priors, with_emulator
 from .held_out import Validation, together, validate
 from .horizon import farthest_emulator, shape_tolerance
@@ -163,7 +163,7 @@ def learn(
     windows = problem.windows
     inputs = sum(len(window.simulator.parameters) for window in windows)
     shortest = min(len(own) for own in runs)  # of all windows but where an interrupted call saved only some
-    campaign = Campaign(problem, evaluate, save, taken(runs, slice(0, shortest)), settings.runs, progress)
+    campaign = RealRuns(problem, evaluate, save, taken(runs, slice(0, shortest)), settings.runs, progress)
     count = max(0, min(settings.runs, settings.start or 10 * inputs)) // len(windows)
     usual = max(len(windows), settings.batch or 4 * inputs)
     most_rounds = 1 + _batches(settings.runs - count * len(windows), usual)

@@ -55,7 +55,7 @@ def start_design(scale: Priors, count: int, seed: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Campaign:
+class RealRuns:
     """Real runs, a few at a time, each few saved."""
 
     problem: Problem

@@ -19,10 +19,10 @@ from ..scenario import (
     Duration,
     Environment,
     Face,
+    Issue,
     MeshError,
     Node,
     Power,
-    Problem,
     Scenario,
     SimulatorModel,
     TelemetryFile,
@@ -84,7 +84,7 @@ def load_spacecraft(path: str | Path) -> Mission:
         content, document = read_file(Path(path), SpacecraftFile)
         return _mission(content, Path(path).parent)
     except MeshError as error:
-        raise file_error(Path(path), document, [Problem(error.location, error.message)]) from None
+        raise file_error(Path(path), document, [Issue(error.location, error.message)]) from None
     except ScenarioError:
         raise
     except FlightcalError as error:

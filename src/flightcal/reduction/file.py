@@ -13,10 +13,10 @@ from ..environment import orbital_period
 from ..errors import FlightcalError, ScenarioError
 from ..operational import Command, Mission, SpacecraftFile, load_spacecraft
 from ..scenario import (
+    Issue,
     ModeChange,
     Observation,
     Parameter,
-    Problem,
     Scenario,
     blocks_of,
     file_error,
@@ -127,7 +127,7 @@ def _refuse_slopes(spacecraft: Path) -> None:
     content, document = read_file(spacecraft, SpacecraftFile)
     expected = "expected none: a reduced model's conductances do not depend on temperature"
     problems = [
-        Problem(("conductors", k, "conductance_slope"), f"found {own.conductance_slope:g} 1/K, {expected}")
+        Issue(("conductors", k, "conductance_slope"), f"found {own.conductance_slope:g} 1/K, {expected}")
         for k, own in enumerate(content.conductors)
         if own.conductance_slope is not None
     ]
@@ -155,7 +155,7 @@ def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, lis
     return craft.scenario.model_copy(update={"simulator": model, "observations": observations}), notes
 
 
-def _parameters(blocks: dict[str, Any], scenario: Scenario) -> tuple[dict[str, Parameter], list[Problem]]:
+def _parameters(blocks: dict[str, Any], scenario: Scenario) -> tuple[dict[str, Parameter], list[Issue]]:
     """The parameters of the full network; what is wrong with them."""
     read, problems = read_parameters(blocks, settable(scenario), blocks_of(scenario))
     parameters = {name: parameter for name, parameter in read.items() if parameter is not None}
@@ -170,17 +170,17 @@ def _windows(reduction: Reduction) -> dict[tuple[str, ...], FlightWindow]:
     }
 
 
-def _unknown_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
+def _unknown_modes(reduction: Reduction, mission: Mission) -> list[Issue]:
     modes = set(mission.spacecraft.software.enabled)
     return [
-        Problem((*place, "timeline", k, "mode"), f"found '{item.mode}', expected one of {', '.join(sorted(modes))}")
+        Issue((*place, "timeline", k, "mode"), f"found '{item.mode}', expected one of {', '.join(sorted(modes))}")
         for place, window in _windows(reduction).items()
         for k, item in enumerate(window.timeline or ())
         if item.mode not in modes
     ]
 
 
-def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
+def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Issue]:
     """Modes of the windows and of the flight in which the enable table switches a heater off: none may."""
     software = mission.spacecraft.software
     own = {software.initial_mode, *(command.mode for command in software.timeline)}
@@ -189,7 +189,7 @@ def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
         for place, window in _windows(reduction).items()
     }
     return [
-        Problem(
+        Issue(
             place,
             f"found the mode '{mode}', in which the enable table switches heater line '{line}' off, expected "
             "modes that leave every line on: a reduced model's thermostats act in every mode",
@@ -201,13 +201,13 @@ def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
     ]
 
 
-def _too_short(reduction: Reduction, period: float, settling: float) -> list[Problem]:
+def _too_short(reduction: Reduction, period: float, settling: float) -> list[Issue]:
     problems = []
     for place, window in _windows(reduction).items():
         start, end = window_bounds(window, period)
         length = float((end - start) / np.timedelta64(1, "s"))
         if length < 1.5 * settling:
             problems.append(
-                Problem(place, f"found {length:.0f} s, expected half as much again as the {settling:.0f} s of settling")
+                Issue(place, f"found {length:.0f} s, expected half as much again as the {settling:.0f} s of settling")
             )
     return problems

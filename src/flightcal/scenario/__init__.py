@@ -42,7 +42,7 @@ from .defaults import (
     timed_together,
     uncertain_thermostats,
 )
-from .document import Problem, read_document
+from .document import Issue, read_document
 from .environment import (
     OF_EARTH_AND_SUN,
     CircularOrbit,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeGuard, cast, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
-from .document import Problem
+from .document import Issue
 from .fields import Block, FileName, Number, OneOf, Time, Vector, of_length
 from .units import Duration, Quantity, did_you_mean, show
 from .wording import refusal
@@ -81,7 +81,7 @@ class AlignedAttitude(Block):
             named = isinstance(one, str) or isinstance(other, str)
             if one == other if named else _parallel(one, other):
                 message = f"found {_written(other)}, expected another direction than 'aligned' has, {_written(one)}"
-                raise refusal(Problem(("constrained", key), message))
+                raise refusal(Issue(("constrained", key), message))
         return self
 
 
@@ -158,16 +158,16 @@ class AttitudeTimeline(Block):
                 names = [*self.named, *get_args(NamedAttitude)]
                 hint = did_you_mean(str(change.attitude), names)
                 problems.append(
-                    Problem(place, f"found {show(change.attitude)}, expected one of {', '.join(names)}{hint}")
+                    Issue(place, f"found {show(change.attitude)}, expected one of {', '.join(names)}{hint}")
                 )
             elif spins_fast(kind):
-                problems.append(Problem(place, "found a spin without period, expected one: the body slews from it"))
+                problems.append(Issue(place, "found a spin without period, expected one: the body slews from it"))
             before = self.timeline[k - 1].at if k else None
             if before is not None and (change.at - before).total_seconds() < self.slew:
                 message = (
                     f"found {change.at.isoformat()}, expected a time after the slew of {self.slew:g} s that begins"
                 )
-                problems.append(Problem(("timeline", k, "at"), f"{message} at {before.isoformat()}"))
+                problems.append(Issue(("timeline", k, "at"), f"{message} at {before.isoformat()}"))
         if problems:
             raise refusal(*problems)
         return self

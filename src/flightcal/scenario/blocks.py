@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from .document import Location, Problem
+from .document import Issue, Location
 from .environment import Environment
 from .external import ExternalHeater, ExternalModel, Input, Output, kind_of_simulator
 from .fields import reader_of
@@ -105,7 +105,7 @@ def readable(blocks: Mapping[str, T | None]) -> dict[str, T]:
     return {name: block for name, block in blocks.items() if block is not None}
 
 
-def read_block(kind: Any, value: Any, location: Location, problems: list[Problem]) -> Any:
+def read_block(kind: Any, value: Any, location: Location, problems: list[Issue]) -> Any:
     """What stands at `location` as an object; None where it cannot be read, and `problems` then say why."""
     try:
         return reader_of(kind).validate_python(value)

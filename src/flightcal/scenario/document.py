@@ -32,7 +32,7 @@ _KINDS = ("str", "int", "float", "bool", "null", "timestamp", "merge", "value")
 
 
 @dataclass(frozen=True)
-class Problem:
+class Issue:
     """Something wrong, or doubtful, at a place in the document."""
 
     location: Location
@@ -50,7 +50,7 @@ class Document:
     data: Any
     lines: dict[Location, int]
     """Line (from 1) on which each key or list item stands."""
-    problems: tuple[Problem, ...]
+    problems: tuple[Issue, ...]
     """Syntax errors, duplicate keys, unknown tags."""
 
     def line(self, location: Location) -> int | None:
@@ -111,7 +111,7 @@ def walk(value: Any, location: Location = ()) -> Iterator[tuple[Location, Any]]:
 
 
 def _unreadable(message: str, line: int | None = None) -> Document:
-    return Document(None, {}, (Problem((), message, line),))
+    return Document(None, {}, (Issue((), message, line),))
 
 
 @dataclass
@@ -120,7 +120,7 @@ class _Reader:
 
     yaml: YAML
     lines: dict[Location, int] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[Issue] = field(default_factory=list)
 
     def read(self, node: Node, location: Location, parents: tuple[int, ...]) -> Any:
         self.lines.setdefault(location, node.start_mark.line + 1)
@@ -136,7 +136,7 @@ class _Reader:
             return [self.read(item, (*location, k), parents) for k, item in enumerate(node.value)]
         if isinstance(node.value, str) and kind in _KINDS:
             return _scalar(kind, node.value)
-        self.problems.append(Problem(location, f"found the YAML tag {show(str(node.tag))}, expected a plain value"))
+        self.problems.append(Issue(location, f"found the YAML tag {show(str(node.tag))}, expected a plain value"))
         return None
 
     def _mapping(self, node: Node, location: Location, parents: tuple[int, ...]) -> dict[str, Any]:
@@ -144,15 +144,15 @@ class _Reader:
         for key_node, value_node in node.value:
             line = key_node.start_mark.line + 1
             if not isinstance(key_node.value, str):
-                self.problems.append(Problem(location, "found a list or mapping as a key, expected a name", line))
+                self.problems.append(Issue(location, "found a list or mapping as a key, expected a name", line))
                 continue
             key, here = key_node.value, (*location, key_node.value)
             if key == "<<" and not key_node.style:
-                self.problems.append(Problem(here, "merge keys (<<) are not YAML 1.2; write the values out", line))
+                self.problems.append(Issue(here, "merge keys (<<) are not YAML 1.2; write the values out", line))
                 continue
             if key in mapping:
                 first = self.lines[here]
-                self.problems.append(Problem(here, f"found the key twice, first on line {first}", line))
+                self.problems.append(Issue(here, f"found the key twice, first on line {first}", line))
                 continue
             self.lines[here] = line
             mapping[key] = self.read(value_node, here, parents)

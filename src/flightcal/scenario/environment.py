@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .attitude import Attitude, AttitudeOffset
-from .document import Problem
+from .document import Issue
 from .fields import Block, FileName, Number, OneOf, Time, exactly_one
 from .units import Angle, Duration, Quantity, show
 from .wording import refusal
@@ -35,10 +35,10 @@ def _check_elements(lines: tuple[str, ...]) -> tuple[str, ...]:
         wanted = f"{k % 2 + 1} "
         if not line.startswith(wanted) or len(line) != 69 or not line.isascii():
             message = f"found {len(line)} characters, {show(line[:20])}..., expected 69 that begin with '{wanted}'"
-            problems.append(Problem((k,), message))
+            problems.append(Issue((k,), message))
         elif line[68] != str(compute_checksum(line)):
             message = f"found the checksum {line[68]}, expected {compute_checksum(line)}: a character is wrong"
-            problems.append(Problem((k,), message))
+            problems.append(Issue((k,), message))
     if problems:
         raise refusal(*problems)
     for first, second in zip(lines[::2], lines[1::2], strict=True):
@@ -78,7 +78,7 @@ class CircularOrbit(Block):
     def _one_node(self) -> CircularOrbit:
         if self.beta_angle is not None and abs(self.beta_angle) > 0.5 * math.pi:
             message = f"found {math.degrees(self.beta_angle):g} deg, expected -90 to 90 deg"
-            raise refusal(Problem(("beta_angle",), message))
+            raise refusal(Issue(("beta_angle",), message))
         wanted = "exactly one of 'ltan' (local time), 'raan' (right ascension) and 'beta_angle'"
         return exactly_one(self, ("ltan", "raan", "beta_angle"), wanted)
 
@@ -99,7 +99,7 @@ class KeplerianOrbit(Block):
         perigee = self.semi_major_axis * (1 - self.eccentricity) - EARTH_RADIUS
         if perigee <= 0:
             message = f"found a perigee {-perigee / 1e3:.0f} km below the Earth's surface, expected one above it"
-            raise refusal(Problem(("semi_major_axis",), message))
+            raise refusal(Issue(("semi_major_axis",), message))
         return self
 
 

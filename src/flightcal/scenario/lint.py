@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import ScenarioError
 from .blocks import read_block
 from .checks import CHECKS
-from .document import Document, Location, Problem, read_document
+from .document import Document, Issue, Location, read_document
 from .fields import AnyBlock
 from .meshed import MESHED, source
 from .reading import Reading, read_scenario
@@ -87,13 +87,13 @@ def read_file(path: Path, kind: type[AnyBlock]) -> tuple[AnyBlock, Document]:
     if isinstance(document.data, dict):
         content = read_block(kind, document.data, (), problems)
     elif not problems:
-        problems.append(Problem((), f"found {show(document.data)}, expected a mapping (key: value)"))
+        problems.append(Issue((), f"found {show(document.data)}, expected a mapping (key: value)"))
     if content is None or problems:
         raise file_error(path, document, problems)
     return content, document
 
 
-def file_error(path: Path, document: Document, problems: list[Problem]) -> ScenarioError:
+def file_error(path: Path, document: Document, problems: list[Issue]) -> ScenarioError:
     """What is wrong with a file, a line each."""
     findings = (
         Finding(str(path), p.line or document.line(p.location), ".".join(map(str, p.location)), p.message)
@@ -102,7 +102,7 @@ def file_error(path: Path, document: Document, problems: list[Problem]) -> Scena
     return ScenarioError("\n".join(map(str, findings)))
 
 
-def _finding(problem: Problem, reading: Reading, file: str) -> Finding:
+def _finding(problem: Issue, reading: Reading, file: str) -> Finding:
     location, lines = problem.location, reading.document.lines
     if len(location) > 2 and location[:3] not in lines:
         # A cell is written as its plate or box.

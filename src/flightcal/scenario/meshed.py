@@ -8,7 +8,7 @@ from typing import Any
 
 from .blocks import read_block
 from .body import Body
-from .document import Location, Problem, walk
+from .document import Issue, Location, walk
 from .external import is_external
 from .fields import Block, keys_of
 from .geometry import MeshError, mesh_plates
@@ -26,7 +26,7 @@ _SOMEWHERE = 290.0
 """K, where no initial temperature can be read."""
 
 
-def with_mesh(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
+def with_mesh(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Issue]]:
     """The simulator's block of a scenario's data with the network of its plates and boxes in it.
 
     What is written of a cell or its face replaces what the mesh says of it. Where the plates cannot be meshed, every
@@ -40,8 +40,8 @@ def with_mesh(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     block = {key: value for key, value in simulator.items() if key not in written}
     if "reduced_model" in simulator:
         key = next(iter(written))
-        return block, [Problem(("simulator", key), f"found {key!r} beside 'reduced_model', expected one of them")]
-    problems: list[Problem] = []
+        return block, [Issue(("simulator", key), f"found {key!r} beside 'reduced_model', expected one of them")]
+    problems: list[Issue] = []
     start = written.pop("initial", None)
     if start is not None:
         start = read_block(Temperature, start, ("simulator", "initial"), problems) or _SOMEWHERE
@@ -49,7 +49,7 @@ def with_mesh(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     nodes, conductors, faces = _network(data, body, problems)
     if start is None and nodes:
         expected = "expected the temperature at which the cells of plates and boxes start, such as '20 degC'"
-        problems.append(Problem(("simulator",), f"missing key 'initial', {expected}"))
+        problems.append(Issue(("simulator",), f"missing key 'initial', {expected}"))
     own = simulator.get("conductors", [])
     block["nodes"] = _started(_over(nodes, simulator.get("nodes", {})), start or _SOMEWHERE)
     block["conductors"] = [*own, *conductors] if isinstance(own, list) else own
@@ -64,21 +64,21 @@ def source(cell: str) -> Location | None:
 
 
 def _network(
-    data: Mapping[str, Any], body: Body | None, problems: list[Problem]
+    data: Mapping[str, Any], body: Body | None, problems: list[Issue]
 ) -> tuple[Mapping[str, Any], list[Any], Mapping[str, Any]]:
     """Nodes, conductors and faces; `problems` gets what is wrong with the plates."""
     if body is not None:
         try:
             mesh = mesh_plates(body)
         except MeshError as error:
-            problems.append(Problem(("simulator", *error.location), error.message))
+            problems.append(Issue(("simulator", *error.location), error.message))
         else:
             for enclosure, share in mesh.openness.items():
                 if share > _MOST_OPEN:
                     place = ("boxes", enclosure) if enclosure in body.boxes else ("plates",)
                     message = f"found an enclosure {enclosure!r} with up to {share:.0%} of a cell's view open to space"
                     message += ", expected sides all around it"
-                    problems.append(Problem(("simulator", *place), message, warning=True))
+                    problems.append(Issue(("simulator", *place), message, warning=True))
             return mesh.nodes, list(mesh.conductors), mesh.faces
     texts = (str(text) for location, value in walk(dict(data)) for text in (value, *location[-1:]))
     cells = {match[0]: UNREADABLE for text in texts for match in CELL.finditer(text)}

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from .blocks import Blocks, read_block
-from .document import Location, Problem
+from .document import Issue, Location
 from .network import SwitchedHeater
 from .numbers import Settable, fields_in
 from .priors import Normal
@@ -23,9 +23,9 @@ _NOT_READ = Normal(mean=0.0, standard_deviation=1.0)
 
 def read_parameters(
     written: Mapping[str, Any], numbers: Mapping[str, Settable], blocks: Blocks
-) -> tuple[dict[str, Parameter | None], list[Problem]]:
+) -> tuple[dict[str, Parameter | None], list[Issue]]:
     """Parameters with their priors in the SI unit of what they set, None where one is wrong, and what is wrong."""
-    problems: list[Problem] = []
+    problems: list[Issue] = []
     return {
         name: _read(value, ("parameters", name), numbers, blocks, problems) for name, value in written.items()
     }, problems
@@ -38,26 +38,26 @@ def matching(pattern: str, names: Iterable[str]) -> list[str]:
     return [name for name in names if fits(name)]
 
 
-def set_twice(parameters: Mapping[str, Parameter]) -> Iterator[Problem]:
+def set_twice(parameters: Mapping[str, Parameter]) -> Iterator[Issue]:
     """Numbers that several parameters set, or that one sets and another scales."""
     setter: dict[str, str] = {}
     for name, parameter in parameters.items():
         for path in parameter.sets:
             if path in setter:
                 message = f"found {path!r}, which {setter[path]!r} already sets, expected one parameter for it"
-                yield Problem(("parameters", name, "sets"), message)
+                yield Issue(("parameters", name, "sets"), message)
             setter.setdefault(path, name)
     for name, parameter in parameters.items():
         for k, path in enumerate(parameter.scales):
             if path in setter:
                 message = f"found {path!r}, which {setter[path]!r} sets, expected either to set or to scale it"
-                yield Problem(("parameters", name, "scales"), message)
+                yield Issue(("parameters", name, "scales"), message)
             elif path in parameter.scales[:k]:
-                yield Problem(("parameters", name, "scales"), f"found {path!r} twice, expected it once")
+                yield Issue(("parameters", name, "scales"), f"found {path!r} twice, expected it once")
 
 
 def _read(
-    value: Any, location: Location, numbers: Mapping[str, Settable], blocks: Blocks, problems: list[Problem]
+    value: Any, location: Location, numbers: Mapping[str, Settable], blocks: Blocks, problems: list[Issue]
 ) -> Parameter | None:
     if not isinstance(value, dict):
         read: Parameter | None = read_block(Parameter, value, location, problems)
@@ -65,10 +65,10 @@ def _read(
     value, found = _written_out(value, location, numbers, blocks)
     if "unit" in value:
         message = "unknown key 'unit', expected none: the unit follows from the path that the parameter sets"
-        found.append(Problem((*location, "unit"), message))
+        found.append(Issue((*location, "unit"), message))
     for key in ("sets", "scales"):
         found += [
-            Problem(place, _unknown_path(path, numbers, blocks))
+            Issue(place, _unknown_path(path, numbers, blocks))
             for place, path in _paths(value, key, location).items()
             if path not in numbers and not _is_pattern(path) and not _may_exist(path, blocks)
         ]
@@ -79,16 +79,16 @@ def _read(
     read = read_block(Parameter, {**value, "unit": unit or ""}, location, found)
     if read is not None and not found and not (read.sets or read.scales):
         message = "found neither 'sets' nor 'scales', expected a path such as nodes.battery.capacity"
-        found.append(Problem(location, message))
+        found.append(Issue(location, message))
     problems += found
     return None if found or unit is None else read
 
 
 def _written_out(
     block: dict[str, Any], location: Location, numbers: Mapping[str, Settable], blocks: Blocks
-) -> tuple[dict[str, Any], list[Problem]]:
+) -> tuple[dict[str, Any], list[Issue]]:
     """The block with all paths that fit in the place of each pattern, and the patterns that fit none."""
-    problems: list[Problem] = []
+    problems: list[Issue] = []
     block = dict(block)
     for key in ("sets", "scales"):
         paths = block.get(key)
@@ -98,7 +98,7 @@ def _written_out(
         for path in [paths] if isinstance(paths, str) else paths or []:
             fits = matching(path, numbers) if _is_pattern(path) else [path]
             if not fits and not _is_unread(path.partition(".")[0], blocks):
-                problems.append(Problem((*location, key), f"found {path!r}, which fits no number"))
+                problems.append(Issue((*location, key), f"found {path!r}, which fits no number"))
             found += fits or [path]
         block[key] = found
     return block, problems
@@ -116,7 +116,7 @@ def _is_pattern(path: Any) -> bool:
 
 def _unit_of(
     block: dict[str, Any], location: Location, numbers: Mapping[str, Settable]
-) -> tuple[str | None, list[Problem]]:
+) -> tuple[str | None, list[Issue]]:
     """SI unit of what the parameter sets, "" when it only scales; None where that cannot be known."""
     paths, scales = (_paths(block, key, location) for key in ("sets", "scales"))
     if not paths and scales:
@@ -126,10 +126,10 @@ def _unit_of(
     if len({(unit, is_difference(path)) for path, unit in known.items()}) > 1:
         kinds = {path: "temperature difference" if is_difference(path) else unit for path, unit in known.items()}
         found = " and ".join(f"{path} ({kind or 'dimensionless'})" for path, kind in kinds.items())
-        return None, [Problem((*location, "sets"), f"found {found}, expected paths of one unit")]
+        return None, [Issue((*location, "sets"), f"found {found}, expected paths of one unit")]
     if units and units[0] and scales:
         message = f"found 'scales' beside 'sets' in {units[0]}, expected a plain number to do both, or two parameters"
-        return units[0], [Problem((*location, "scales"), message)]
+        return units[0], [Issue((*location, "scales"), message)]
     return (units[0] if units else None), []
 
 

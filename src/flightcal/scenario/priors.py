@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, cast, get_args
 from pydantic import Field
 from pydantic_core import core_schema
 
-from .document import Location, Problem
+from .document import Issue, Location
 from .fields import Block, Number
 from .units import LARGEST, Quantity, did_you_mean, example, quantity_schema, show, to_si, written
 from .wording import refusal
@@ -119,42 +119,42 @@ def read_prior(value: Any, unit: str, *, difference: bool = False) -> Prior:
     if not isinstance(value, dict) or len(value) != 1:
         found = "none" if value == {} else " and ".join(map(repr, value)) if isinstance(value, dict) else show(value)
         wanted = f"one distribution such as {{uniform: [{example(unit)}, ...]}}: {_NAMES}"
-        raise refusal(Problem((), f"found {found}, expected {wanted}"))
+        raise refusal(Issue((), f"found {found}, expected {wanted}"))
     ((kind, arguments),) = value.items()
     if kind not in FORMS:
         message = f"unknown distribution {kind!r}, expected one of {_NAMES}{did_you_mean(kind, FORMS)}"
-        raise refusal(Problem((kind,), message))
+        raise refusal(Issue((kind,), message))
     make, fields = FORMS[kind]
     places: dict[str, Location] = {name: (kind, name) for name in fields}
     if kind == "uniform":
         if not isinstance(arguments, list) or len(arguments) != 2:
-            raise refusal(Problem((kind,), f"found {show(arguments)}, expected two bounds [lower, upper]"))
+            raise refusal(Issue((kind,), f"found {show(arguments)}, expected two bounds [lower, upper]"))
         places = {"lower": (kind, 0), "upper": (kind, 1)}
         arguments = dict(zip(fields, arguments, strict=True))
     elif kind == "half_normal":
         places = {"scale": (kind,)}
         arguments = {"scale": arguments}
     elif not isinstance(arguments, dict):
-        raise refusal(Problem((kind,), f"found {show(arguments)}, expected a mapping with {', '.join(fields)}"))
+        raise refusal(Issue((kind,), f"found {show(arguments)}, expected a mapping with {', '.join(fields)}"))
     if kind == "beta" and not unit:
         arguments = {"lower": 0.0, "upper": 1.0, **arguments}
     problems = [
-        Problem((kind, key), f"unknown key {key!r}, expected {', '.join(fields)}{did_you_mean(key, fields)}")
+        Issue((kind, key), f"unknown key {key!r}, expected {', '.join(fields)}{did_you_mean(key, fields)}")
         for key in arguments
         if key not in fields
     ]
     numbers = {}
     for name, role in fields.items():
         if name not in arguments:
-            problems.append(Problem((kind,), f"missing key {name!r}"))
+            problems.append(Issue((kind,), f"missing key {name!r}"))
             continue
         try:
             numbers[name] = _read_number(arguments[name], name, role, unit, difference)
         except ValueError as error:
-            problems.append(Problem(places[name], str(error)))
+            problems.append(Issue(places[name], str(error)))
     if not problems and not numbers.get("lower", -math.inf) < numbers.get("upper", math.inf):
         found = f"found {show(arguments['lower'])} and {show(arguments['upper'])}"
-        problems.append(Problem(places["upper"], f"{found}, expected a lower bound below the upper one"))
+        problems.append(Issue(places["upper"], f"{found}, expected a lower bound below the upper one"))
     if problems:
         raise refusal(*problems)
     return make(**numbers)

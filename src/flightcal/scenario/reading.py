@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .blocks import Blocks, External, read_block
-from .document import Document, Problem, read_document
+from .document import Document, Issue, read_document
 from .environment import Environment
 from .external import KINDS, WrittenHeater, WrittenInput, WrittenOutput, is_external, kind_of_simulator
 from .fields import FileNames, keys_of
@@ -52,7 +52,7 @@ class Reading:
     """What parameters may set, from the blocks that could be read."""
     scenario: Scenario | None
     """null: the file does not fit the schema."""
-    problems: tuple[Problem, ...]
+    problems: tuple[Issue, ...]
     """What is wrong with YAML, schema and units; references between blocks are not looked at."""
 
 
@@ -66,10 +66,10 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
     data = document.data
     if not isinstance(data, dict):
         if not reader.problems:
-            reader.problems.append(Problem((), f"found {show(data)}, expected a mapping (key: value)"))
+            reader.problems.append(Issue((), f"found {show(data)}, expected a mapping (key: value)"))
         return Reading(document, _Reader().blocks({})[0], {}, None, tuple(reader.problems))
     if "folder" in data:
-        reader.problems.append(Problem(("folder",), unknown_key("folder", keys_of(Scenario))))
+        reader.problems.append(Issue(("folder",), unknown_key("folder", keys_of(Scenario))))
     data = {**data, "folder": path.parent}
     if telemetry is not None:
         data["telemetry"] = _elsewhere(data.get("telemetry"), telemetry.absolute())
@@ -112,7 +112,7 @@ def _with_status(model: dict[str, Any], data: Mapping[str, Any]) -> dict[str, An
 class _Reader:
     """Reads blocks and collects what is wrong with them."""
 
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[Issue] = field(default_factory=list)
 
     def block(self, kind: Any, value: Any, *location: str | int) -> Any:
         return read_block(kind, value, location, self.problems)

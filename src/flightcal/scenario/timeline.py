@@ -14,7 +14,7 @@ from typing import Any, get_args
 from pydantic import TypeAdapter, ValidationError
 
 from .attitude import NamedAttitude
-from .document import Problem
+from .document import Issue
 from .fields import Time
 from .units import Quantity, did_you_mean, show
 
@@ -52,7 +52,7 @@ def _are_samples(seconds: Sequence[float], changes: int) -> bool:
     return steady and len(seconds) >= _OF_EACH * changes
 
 
-def with_timeline(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
+def with_timeline(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Issue]]:
     """The simulator's block with the timeline that `timeline_file` has; a block without one as it is.
 
     A row for each change, or for each sample: where many at a steady rate repeat a mode, it changes between two rows.
@@ -60,7 +60,7 @@ def with_timeline(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any]
     return _filled(written, folder, ("simulator", "timeline_file"), "mode", _names(written, "modes"), "one of 'modes'")
 
 
-def with_attitudes(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
+def with_attitudes(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Issue]]:
     """The environment's block with the attitudes that a `timeline_file` has, likewise."""
     attitude = written.get("attitude")
     if not isinstance(attitude, dict):
@@ -79,27 +79,27 @@ def _names(written: dict[str, Any], key: str) -> list[str]:
 
 def _filled(
     written: dict[str, Any], folder: Path, here: tuple[str, ...], column: str, names: list[str], expected: str
-) -> tuple[dict[str, Any], list[Problem]]:
+) -> tuple[dict[str, Any], list[Issue]]:
     """A block with the changes of a file, whose column `column` has `names`."""
     name = written.get("timeline_file")
     if name is None:
         return written, []
     if not isinstance(name, str):
-        return written, [Problem(here, f"found {show(name)}, expected the name of a CSV file")]
+        return written, [Issue(here, f"found {show(name)}, expected the name of a CSV file")]
     if written.get("timeline"):
-        return written, [Problem(here, "found 'timeline' too, expected one of them")]
+        return written, [Issue(here, "found 'timeline' too, expected one of them")]
     try:
         with (folder / name).open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             rows = [(reader.line_num, row) for row in reader]
     except FileNotFoundError:
         wrong = f"found {show(name)}, which is not there, expected a path relative to the scenario"
-        return written, [Problem(here, wrong)]
+        return written, [Issue(here, wrong)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        return written, [Problem(here, f"found {show(name)}, which cannot be read: {error}")]
+        return written, [Issue(here, f"found {show(name)}, which cannot be read: {error}")]
     found, wrong = _changes(rows, column, names, expected)
     if wrong:
-        return written, [Problem(here, f"{name}{wrong}")]
+        return written, [Issue(here, f"{name}{wrong}")]
     return {**written, "timeline": found}, []
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
-from .document import Location, Problem
+from .document import Issue, Location
 from .units import did_you_mean, show
 
 _EXPECTED = {
@@ -36,10 +36,10 @@ UNREADABLE = object()
 """Stands for a part of a block that could not be read; what is wrong with it has been said."""
 
 
-def problems_of(error: ValidationError, location: Location = ()) -> list[Problem]:
+def problems_of(error: ValidationError, location: Location = ()) -> list[Issue]:
     """One problem per place of a schema error; `location` is the place of what was to be read."""
     told = in_plain_words(error).errors(include_url=False)
-    return [Problem((*location, *d["loc"]), d["msg"]) for d in told if d["input"] is not UNREADABLE]
+    return [Issue((*location, *d["loc"]), d["msg"]) for d in told if d["input"] is not UNREADABLE]
 
 
 def in_plain_words(error: ValidationError, keys: Collection[str] = ()) -> ValidationError:
@@ -51,7 +51,7 @@ def in_plain_words(error: ValidationError, keys: Collection[str] = ()) -> Valida
     return _error([(*_translate(detail, keys), detail["input"]) for detail in details])
 
 
-def refusal(*problems: Problem) -> ValidationError:
+def refusal(*problems: Issue) -> ValidationError:
     """What the reader of a field raises about several places inside it."""
     return _error([(problem.location, problem.message, None) for problem in problems])
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ...errors import memory_size, physical_memory
-from ..document import Location, Problem
+from ..document import Issue, Location
 from ..network import SimulatorModel
 from ..reading import Reading
 from ..schema import Scenario
@@ -18,7 +18,7 @@ _LOOSE_R_HAT, _FEW_DRAWS = 1.1, 100
 """Vehtari et al. (2021) ask for 1.01 and 400; beyond these estimates of quantiles are of no use."""
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """The draws fit in memory; gates mean something."""
     scenario = reading.scenario
     if scenario is None:
@@ -28,13 +28,13 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     if size > physical_memory():
         found = f"found {nuts.chains} chains of {nuts.draws} draws, which need {memory_size(size)} of memory"
         message = f"{found}, expected at most the {memory_size(physical_memory())} of this machine"
-        yield Problem((*_NUTS, "draws"), message)
+        yield Issue((*_NUTS, "draws"), message)
     if nuts.max_r_hat > _LOOSE_R_HAT:
         message = f"found {nuts.max_r_hat:g}, expected about 1.01: chains that disagree pass this gate"
-        yield Problem((*_NUTS, "max_r_hat"), message, warning=True)
+        yield Issue((*_NUTS, "max_r_hat"), message, warning=True)
     if nuts.min_ess < _FEW_DRAWS:
         message = f"found {nuts.min_ess:g}, expected about 400: with so few effective draws intervals are rough"
-        yield Problem((*_NUTS, "min_ess"), message, warning=True)
+        yield Issue((*_NUTS, "min_ess"), message, warning=True)
 
 
 def _entries(scenario: Scenario) -> int:

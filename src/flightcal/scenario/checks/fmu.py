@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ..blocks import External, readable
-from ..document import Location, Problem
+from ..document import Issue, Location
 from ..external import Fmu
 from ..units import show
 from .common import file_exists, known
@@ -19,7 +19,7 @@ _MOST = 50_000_000
 _REAL = ("Real", "Float64", "Float32")
 
 
-def check_fmu(block: Fmu, external: External, folder: Path, location: Location) -> Iterator[Problem]:
+def check_fmu(block: Fmu, external: External, folder: Path, location: Location) -> Iterator[Issue]:
     """The file is a co-simulation FMU of version 2 or 3 with the variables that the scenario names."""
     here = (*location, "file")
     path = folder / block.file
@@ -33,14 +33,14 @@ def check_fmu(block: Fmu, external: External, folder: Path, location: Location) 
             root = ElementTree.fromstring(archive.read(_DESCRIPTION))
     except (zipfile.BadZipFile, KeyError, ElementTree.ParseError, OSError, ValueError) as error:
         reason = f"it has no {_DESCRIPTION}" if isinstance(error, KeyError) else str(error)
-        yield Problem(here, f"found {show(block.file)}, which is not an FMU: {reason}")
+        yield Issue(here, f"found {show(block.file)}, which is not an FMU: {reason}")
         return
     version = root.get("fmiVersion", "")
     if version.partition(".")[0] not in ("2", "3"):
-        yield Problem(here, f"found an FMU of FMI version {show(version)}, expected version 2 or 3")
+        yield Issue(here, f"found an FMU of FMI version {show(version)}, expected version 2 or 3")
         return
     if root.find("CoSimulation") is None:
-        yield Problem(here, "found an FMU for model exchange only, expected one for co-simulation")
+        yield Issue(here, "found an FMU for model exchange only, expected one for co-simulation")
     yield from _check_variables(block, external, _causalities(root), location)
 
 
@@ -54,9 +54,7 @@ def _causalities(root: ElementTree.Element) -> dict[str, str]:
     return found
 
 
-def _check_variables(
-    block: Fmu, external: External, causality: dict[str, str], location: Location
-) -> Iterator[Problem]:
+def _check_variables(block: Fmu, external: External, causality: dict[str, str], location: Location) -> Iterator[Issue]:
     named = {section: readable(getattr(external, section)) for section in ("inputs", "outputs", "heaters")}
     for section, blocks in named.items():
         for name, item in blocks.items():
@@ -66,16 +64,16 @@ def _check_variables(
             kind = causality.get(variable, "input")
             if section == "inputs" and kind not in ("parameter", "input", "local"):
                 message = f"found the variable {show(variable)}, {_article(kind)} of the FMU"
-                yield Problem(where, f"{message}, expected a parameter or an input")
+                yield Issue(where, f"{message}, expected a parameter or an input")
     taken = {item.name or name for name, item in named["inputs"].items()}
     for variable in block.drivers:
         where = (*location, "drivers", variable)
         yield from known("real variable of the FMU", variable, causality, where)
         kind = causality.get(variable, "input")
         if kind != "input":
-            yield Problem(where, f"found the variable {show(variable)}, {_article(kind)} of the FMU, expected an input")
+            yield Issue(where, f"found the variable {show(variable)}, {_article(kind)} of the FMU, expected an input")
         elif variable in taken:
-            yield Problem(where, f"found the variable {show(variable)}, which 'inputs' sets too, expected it once")
+            yield Issue(where, f"found the variable {show(variable)}, which 'inputs' sets too, expected it once")
 
 
 def _article(causality: str) -> str:

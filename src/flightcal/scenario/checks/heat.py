@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..blocks import Blocks, readable
-from ..document import Location, Problem
+from ..document import Issue, Location
 from ..reading import Reading
 from ..residuals import Noise
 from .common import channel_of_kind, known, node_with_capacity
@@ -14,15 +14,15 @@ from .common import channel_of_kind, known, node_with_capacity
 _HEAT: Location = ("heat",)
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """Nodes with heat hold heat, and nothing stands beside it that excludes it."""
     data, blocks = reading.document.data, reading.blocks
     if "heat" in data and data["heat"] is None:
-        yield Problem(_HEAT, "found nothing, expected none or a mapping: without the key it has its default")
+        yield Issue(_HEAT, "found nothing, expected none or a mapping: without the key it has its default")
     if blocks.heat is None:
         return
     for what, wanted in _beside(blocks):
-        yield Problem(_HEAT, f"found heat beside {what}, expected {wanted}, or 'heat: none'")
+        yield Issue(_HEAT, f"found heat beside {what}, expected {wanted}, or 'heat: none'")
     # A reduced model's nodes are known where its file can be read.
     if blocks.external is None and (blocks.reduced is None or blocks.full_nodes):
         yield from _check_nodes(blocks, blocks.heat.nodes)
@@ -45,7 +45,7 @@ def _beside(blocks: Blocks) -> Iterator[tuple[str, str]]:
             yield f"{noise.not_normal} noise of {name!r}", wanted
 
 
-def _check_nodes(blocks: Blocks, names: tuple[str, ...]) -> Iterator[Problem]:
+def _check_nodes(blocks: Blocks, names: tuple[str, ...]) -> Iterator[Issue]:
     for k, name in enumerate(names):
         location = (*_HEAT, "nodes", k)
         if blocks.reduced is not None:
@@ -53,4 +53,4 @@ def _check_nodes(blocks: Blocks, names: tuple[str, ...]) -> Iterator[Problem]:
         else:
             yield from node_with_capacity(blocks, name, location)
         if name in names[:k]:
-            yield Problem(location, f"found {name!r} twice, expected it once")
+            yield Issue(location, f"found {name!r} twice, expected it once")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ..document import Location, Problem
+from ..document import Issue, Location
 from ..meshed import CELL
 from ..reading import Reading
 from ..units import show
@@ -17,7 +17,7 @@ _CONDUCTORS: Location = ("simulator", "conductors")
 _DIMENSIONS = ("chain", "draw")
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """Every name can stand in a dotted path; a parameter is not called like a dimension of the results."""
     blocks = reading.blocks
     sections: dict[Location, list[str]] = {
@@ -42,12 +42,10 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         parts = name.split("~") if location[:2] == _CONDUCTORS else [name]
         if not all(_NAME.fullmatch(part) or (may_be_cell and CELL.fullmatch(part)) for part in parts):
             message = f"found the name {show(name)}, expected letters, digits, spaces, '_', '-' and '+' only"
-            yield Problem(location, message)
+            yield Issue(location, message)
     for name in _DIMENSIONS:
         if name in blocks.parameters:
-            yield Problem(
-                ("parameters", name), f"found the name {name!r}, expected another: results use it for an axis"
-            )
+            yield Issue(("parameters", name), f"found the name {name!r}, expected another: results use it for an axis")
 
 
 def _keys(block: Any, key: str) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..blocks import Blocks, readable
-from ..document import Location, Problem
+from ..document import Issue, Location
 from ..network import Conductor, Node
 from ..reading import Reading
 from ..units import celsius, show
@@ -17,7 +17,7 @@ _USUAL_TEMPERATURES = (173.15, 373.15)
 """K, from -100 to 100 degC."""
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """Conductors and faces touch nodes that exist; every temperature is determined."""
     blocks = reading.blocks
     yield from _check_conductors(blocks)
@@ -28,14 +28,14 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     yield from _check_temperatures(blocks)
 
 
-def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
+def _check_conductors(blocks: Blocks) -> Iterator[Issue]:
     labels = set()
     for k, conductor in enumerate(blocks.conductors):
         if conductor is None:
             continue
         if conductor.label in labels:
             message = f"found a second conductor called {conductor.label!r}, expected a 'name' that tells them apart"
-            yield Problem((*_CONDUCTORS, k), message)
+            yield Issue((*_CONDUCTORS, k), message)
         labels.add(conductor.label)
         location = (*_CONDUCTORS, k, "between")
         for name in dict.fromkeys(conductor.between):
@@ -43,23 +43,23 @@ def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
         yield from _check_slope(conductor, "conductance", (*_CONDUCTORS, k), "the ends")
         first, second = conductor.between
         if first == second:
-            yield Problem(location, f"found {show(first)} twice, expected two different nodes")
+            yield Issue(location, f"found {show(first)} twice, expected two different nodes")
         elif all((node := blocks.nodes.get(name)) and node.boundary is not None for name in conductor.between):
             message = f"found the boundary nodes {first!r} and {second!r}, expected one whose temperature can change"
-            yield Problem(location, message)
+            yield Issue(location, message)
 
 
-def _check_slope(block: Conductor | Node, key: str, location: Location, what: str) -> Iterator[Problem]:
+def _check_slope(block: Conductor | Node, key: str, location: Location, what: str) -> Iterator[Issue]:
     """A number that depends on temperature stays positive at usual ones."""
     slope = getattr(block, f"{key}_slope") or 0.0
     for temperature in _USUAL_TEMPERATURES:
         if 1.0 + slope * (temperature - block.written_at) < 0.0:
             message = f"found a slope with which the {key} is below zero at {celsius(temperature)}"
             message += f", expected one that keeps it positive where {what} may be"
-            yield Problem((*location, f"{key}_slope"), message, warning=True)
+            yield Issue((*location, f"{key}_slope"), message, warning=True)
 
 
-def _check_faces(blocks: Blocks) -> Iterator[Problem]:
+def _check_faces(blocks: Blocks) -> Iterator[Issue]:
     environment = blocks.environment
     for name, face in readable(blocks.faces).items():
         location = ("simulator", "faces", name)
@@ -68,18 +68,18 @@ def _check_faces(blocks: Blocks) -> Iterator[Problem]:
         if node is not None and node.arithmetic:
             # Its temperature jumps by 200 K when the Sun comes up, farther than the linear equations of a step follow.
             message = f"found the arithmetic node {face.node!r}, expected one with the heat capacity of its outer layer"
-            yield Problem((*location, "node"), f"{message} (50 um of polyimide: 77 J/K for each m^2)")
+            yield Issue((*location, "node"), f"{message} (50 um of polyimide: 77 J/K for each m^2)")
         if environment is not None and environment.orbit is None:
-            yield Problem(location, "found a face without an orbit, expected 'orbit' in environment to light it")
+            yield Issue(location, "found a face without an orbit, expected 'orbit' in environment to light it")
 
 
-def _check_links(blocks: Blocks) -> Iterator[Problem]:
+def _check_links(blocks: Blocks) -> Iterator[Issue]:
     """A node holds heat, and it can leave every one that does. (A reduced order model has its links inside.)"""
     if blocks.reduced is not None:
         return
     if blocks.nodes and not any(node is None or node.capacity is not None for node in blocks.nodes.values()):
         message = "found no node with a capacity, expected one: without it nothing holds heat"
-        yield Problem(("simulator", "nodes"), message)
+        yield Issue(("simulator", "nodes"), message)
     if None in blocks.conductors or None in blocks.faces.values():
         return
     linked = {name for conductor in blocks.conductors if conductor is not None for name in conductor.between}
@@ -87,10 +87,10 @@ def _check_links(blocks: Blocks) -> Iterator[Problem]:
     for name, node in readable(blocks.nodes).items():
         if node.capacity is not None and name not in linked:
             message = "found a node without conductor or face, expected one: its heat cannot leave"
-            yield Problem(("simulator", "nodes", name), message, warning=True)
+            yield Issue(("simulator", "nodes", name), message, warning=True)
 
 
-def _check_arithmetic(blocks: Blocks) -> Iterator[Problem]:
+def _check_arithmetic(blocks: Blocks) -> Iterator[Issue]:
     """A massless node takes the temperature of what it is linked to: something with a temperature of its own."""
     if None in blocks.conductors:
         return
@@ -110,10 +110,10 @@ def _check_arithmetic(blocks: Blocks) -> Iterator[Problem]:
     for name in blocks.nodes:
         if name in massless - determined:
             message = "found an arithmetic node without a conductor to a node with a capacity or a boundary"
-            yield Problem(("simulator", "nodes", name), f"{message}, expected one")
+            yield Issue(("simulator", "nodes", name), f"{message}, expected one")
 
 
-def _check_temperatures(blocks: Blocks) -> Iterator[Problem]:
+def _check_temperatures(blocks: Blocks) -> Iterator[Issue]:
     """Given temperatures are measured; initial ones are measured or written, and belong to nodes that can have one."""
     observations = blocks.observations.values()
     observed: dict[str | None, list[str]] = {}
@@ -128,7 +128,7 @@ def _check_temperatures(blocks: Blocks) -> Iterator[Problem]:
             yield from channel_of_kind(blocks, node.boundary, "temperature", (*location, "boundary"))
         if node.capacity is None and node.initial is not None:
             kind = "an arithmetic" if node.arithmetic else "a boundary"
-            yield Problem((*location, "initial"), f"found 'initial' for {kind} node, expected it for a capacity only")
+            yield Issue((*location, "initial"), f"found 'initial' for {kind} node, expected it for a capacity only")
         if node.capacity is not None and node.initial is None and name not in observed and None not in observations:
             message = "missing key 'initial': no channel observes this node, so its initial temperature is not known"
-            yield Problem(location, message + hint)
+            yield Issue(location, message + hint)

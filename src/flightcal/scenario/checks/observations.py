@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..blocks import Blocks, readable
-from ..document import Location, Problem
+from ..document import Issue, Location
 from ..network import SwitchedHeater
 from ..priors import support
 from ..reading import Reading
@@ -17,7 +17,7 @@ from .common import channel_of_kind, known
 _ERRORS = ("bias", "gain", "time_offset", "lag")
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """Channels exist and suit what they measure; at least one temperature is observed."""
     blocks = reading.blocks
     for name, observation in readable(blocks.observations).items():
@@ -30,7 +30,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             continue
         if observation.likelihood is not None:
             message = "found a 'likelihood' for a temperature, expected one for the status of a heater only"
-            yield Problem((*location, "likelihood"), message)
+            yield Issue((*location, "likelihood"), message)
         yield from _check_sensor(blocks, observation, name)
     yield from _check_time_error(reading)
     observations = blocks.observations.values()
@@ -38,22 +38,22 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         observation is None or observation.heater is None for observation in observations
     ):
         message = "found no temperature channel, expected at least one: the likelihood is that of temperatures"
-        yield Problem(("observations",), message)
+        yield Issue(("observations",), message)
 
 
-def _check_time_error(reading: Reading) -> Iterator[Problem]:
+def _check_time_error(reading: Reading) -> Iterator[Issue]:
     """The error of all time tags is one of readings of a network's nodes."""
     data = reading.document.data
     if "time_error" not in data:
         return
     if data["time_error"] is None:
-        yield Problem(("time_error",), "found nothing, expected none or a duration: without the key it has its default")
+        yield Issue(("time_error",), "found nothing, expected none or a duration: without the key it has its default")
     elif data["time_error"] != "none" and reading.blocks.external is not None:
         message = f"found a time error beside an external simulator ({reading.blocks.external.kind})"
-        yield Problem(("time_error",), f"{message}, expected none: its readings are of the times of their tags")
+        yield Issue(("time_error",), f"{message}, expected none: its readings are of the times of their tags")
 
 
-def _check_target(blocks: Blocks, observation: Observation, location: Location) -> Iterator[Problem]:
+def _check_target(blocks: Blocks, observation: Observation, location: Location) -> Iterator[Issue]:
     """What is measured is there."""
     external = blocks.external
     if observation.heater is not None:
@@ -61,44 +61,44 @@ def _check_target(blocks: Blocks, observation: Observation, location: Location) 
         yield from known("heater", observation.heater, heaters, (*location, "heater"))
         if isinstance(heater := heaters.get(observation.heater), SwitchedHeater):
             message = f"found {observation.heater!r}, which is switched with {heater.switched_with!r}"
-            yield Problem((*location, "heater"), f"{message}, expected the heater that has the thermostat")
+            yield Issue((*location, "heater"), f"{message}, expected the heater that has the thermostat")
     elif observation.output is not None and external is not None:
         yield from known("output", observation.output, external.outputs, (*location, "output"))
     elif observation.output is not None:
         message = "found 'output', expected 'node': the simulator is a thermal network"
-        yield Problem((*location, "output"), message)
+        yield Issue((*location, "output"), message)
     elif external is not None:
         message = f"found 'node', expected 'output': the simulator is external ({external.kind})"
-        yield Problem((*location, "node"), message)
+        yield Issue((*location, "node"), message)
     else:
         name, here = observation.node or "", (*location, "node")
         yield from known("node", name, blocks.nodes, here)
         if (node := blocks.nodes.get(name)) is not None and node.boundary is not None:
-            yield Problem(here, f"found the boundary node {name!r}, expected one that is simulated")
+            yield Issue(here, f"found the boundary node {name!r}, expected one that is simulated")
 
 
-def _check_sensor(blocks: Blocks, observation: Observation, name: str) -> Iterator[Problem]:
+def _check_sensor(blocks: Blocks, observation: Observation, name: str) -> Iterator[Issue]:
     """Errors of the sensor that the simulator cannot give."""
     for key in _ERRORS[1:] if blocks.external is not None else ():
         if getattr(observation, key) != Observation.model_fields[key].default:
             message = (
                 f"found {key!r}, expected none but 'bias': an external simulator gives what its sensors would show"
             )
-            yield Problem(("observations", name, key), message)
+            yield Issue(("observations", name, key), message)
     if observation.lag is None or blocks.external is not None:
         return
     if blocks.reduced is not None:
         message = "found a lag, expected none: the simulator is a reduced order model, which has no sensors of its own"
-        yield Problem(("observations", name, "lag"), message)
+        yield Issue(("observations", name, "lag"), message)
     elif (node := blocks.nodes.get(observation.node or "")) is not None and node.arithmetic:
         message = f"found a lag behind the massless node {observation.node!r}, expected a node with a capacity"
-        yield Problem(("observations", name, "lag"), f"{message}: the sensor starts at its node's initial temperature")
+        yield Issue(("observations", name, "lag"), f"{message}: the sensor starts at its node's initial temperature")
 
 
-def _check_status(blocks: Blocks, observation: Observation, name: str) -> Iterator[Problem]:
+def _check_status(blocks: Blocks, observation: Observation, name: str) -> Iterator[Issue]:
     for key in ("noise", *_ERRORS):
         if key in observation.model_fields_set:
-            yield Problem(("observations", name, key), f"found {key!r} for a heater's status, expected none")
+            yield Issue(("observations", name, key), f"found {key!r} for a heater's status, expected none")
     if observation.likelihood is None:
         return
     location = ("observations", name, "likelihood")
@@ -106,14 +106,14 @@ def _check_status(blocks: Blocks, observation: Observation, name: str) -> Iterat
         message = (
             f"found a likelihood of status with an external simulator ({blocks.external.kind}), expected a network"
         )
-        yield Problem(location, f"{message}: it needs the times at which simulated thermostats switch")
+        yield Issue(location, f"{message}: it needs the times at which simulated thermostats switch")
     elif blocks.heater_input == "measured":
         message = "found a likelihood of status with heater_input: measured, expected heater_input: simulated"
-        yield Problem(location, f"{message}: a status that drives the heater says nothing of the thermostat")
+        yield Issue(location, f"{message}: a status that drives the heater says nothing of the thermostat")
     form = observation.likelihood.switch_times
     for key, most in (("timing", math.inf), ("error_rate", 0.5)) if form is not None else ():
         prior = getattr(form, key)
         if not isinstance(prior, float) and (support(prior)[0] < 0 or support(prior)[1] > most):
             inside = "of positive values" if key == "timing" else f"within 0 to {most:g}"
             message = f"found a {prior.kind} prior that reaches further, expected one {inside}"
-            yield Problem((*location, "switch_times", key), message)
+            yield Issue((*location, "switch_times", key), message)

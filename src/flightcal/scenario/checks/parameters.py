@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ..blocks import readable
-from ..document import Problem
+from ..document import Issue
 from ..network import Heater
 from ..numbers import Settable
 from ..parameters import set_twice
@@ -24,7 +24,7 @@ _NEVER = 6.0
 """Standard deviations from a normal prior's middle, beyond which no draw is that matters: one of 10^9."""
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """No two parameters set the same number, and no draw from a prior is impossible."""
     # One that refers to a block which could not be read waits for that.
     parameters = {
@@ -36,7 +36,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     for name, parameter in parameters.items():
         message = _prior_problem(parameter, reading.numbers)
         if message:
-            yield Problem(("parameters", name, "prior"), message)
+            yield Issue(("parameters", name, "prior"), message)
     yield from _check_thresholds(parameters, reading)
 
 
@@ -121,7 +121,7 @@ def _beyond(kind: str, lower: float, upper: float, number: Settable, target: str
     return None
 
 
-def _check_thresholds(parameters: Mapping[str, Parameter], reading: Reading) -> Iterator[Problem]:
+def _check_thresholds(parameters: Mapping[str, Parameter], reading: Reading) -> Iterator[Issue]:
     """No draw puts a heater's `on_below` over its `off_above`, as far as the priors have ends."""
     setter = {path: name for name, parameter in parameters.items() for path in parameter.sets}
     for heater, block in readable(reading.blocks.heaters).items():
@@ -136,7 +136,7 @@ def _check_thresholds(parameters: Mapping[str, Parameter], reading: Reading) -> 
         if math.isfinite(highest_on) and math.isfinite(lowest_off) and highest_on >= lowest_off:
             found = f"found on_below up to {celsius(highest_on)} and off_above down to {celsius(lowest_off)}"
             message = f"{found} for heater {heater!r}, expected bounds that keep on_below under off_above"
-            yield Problem(("parameters", names[0], "prior"), message)
+            yield Issue(("parameters", names[0], "prior"), message)
 
 
 def _range(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..blocks import Blocks, External, readable
-from ..document import Location, Problem
+from ..document import Issue, Location
 from ..external import PythonFunction, Umbridge
 from ..priors import support
 from ..reading import Reading
@@ -18,7 +18,7 @@ from .common import known
 _POSITIVE = "expected one of positive values: half_normal, lognormal or truncated_normal"
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """Noise has what its model has; a discrepancy stands beside normal noise, and its lengthscales have bounds."""
     blocks = reading.blocks
     if blocks.noise is not None:
@@ -36,27 +36,27 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     yield from _check_discrepancy(blocks)
 
 
-def _check_noise(noise: Noise, location: Location) -> Iterator[Problem]:
+def _check_noise(noise: Noise, location: Location) -> Iterator[Issue]:
     written = noise.model_fields_set
     for key, (needed, value) in NEEDS.items():
         if key in written and getattr(noise, key) is not None and getattr(noise, needed) != value:
-            yield Problem((*location, key), f"found {key!r} without '{needed}: {value}', expected both or neither")
+            yield Issue((*location, key), f"found {key!r} without '{needed}: {value}', expected both or neither")
     if noise.quantisation is not None and (noise.model, noise.distribution) != ("iid", "normal"):
         message = f"found 'quantisation' with {noise.model} {noise.distribution} noise, expected iid normal noise"
-        yield Problem((*location, "quantisation"), f"{message}: only its probability of a step is known exactly")
+        yield Issue((*location, "quantisation"), f"{message}: only its probability of a step is known exactly")
     if noise.distribution == "student_t" and noise.white is not None:
         message = "found 'white' beside correlated Student's t noise, expected 'distribution: normal'"
-        yield Problem((*location, "white"), f"{message}: the two cannot be told apart exactly")
+        yield Issue((*location, "white"), f"{message}: the two cannot be told apart exactly")
     for key in ("standard_deviation", *NEEDS):
         yield from _check_positive(getattr(noise, key), (*location, key))
 
 
-def _check_positive(value: Any, location: Location) -> Iterator[Problem]:
+def _check_positive(value: Any, location: Location) -> Iterator[Issue]:
     if value is not None and not isinstance(value, float) and support(value)[0] < 0:
-        yield Problem(location, f"found a {value.kind} prior with negative values, {_POSITIVE}")
+        yield Issue(location, f"found a {value.kind} prior with negative values, {_POSITIVE}")
 
 
-def _check_channel(noise: Noise, blocks: Blocks, channel: str, location: Location) -> Iterator[Problem]:
+def _check_channel(noise: Noise, blocks: Blocks, channel: str, location: Location) -> Iterator[Issue]:
     kind = noise.not_normal
     if kind is None:
         return
@@ -71,13 +71,11 @@ def _check_channel(noise: Noise, blocks: Blocks, channel: str, location: Locatio
     for there, what in beside:
         if there:
             message = f"found {kind} noise of {channel!r} beside {what}, expected normal noise"
-            yield Problem(location, f"{message}: only with that can its weights be integrated out")
+            yield Issue(location, f"{message}: only with that can its weights be integrated out")
     source = blocks.channels.get(channel)
     if noise.quantisation is not None and source is not None and len(source.column) > 1:
         message = f"found 'quantisation' of {channel!r}, which is made of {len(source.column)} columns"
-        yield Problem(
-            (*location, "quantisation"), f"{message}, expected one column: their {source.combine} has no steps"
-        )
+        yield Issue((*location, "quantisation"), f"{message}, expected one column: their {source.combine} has no steps")
 
 
 def _is_emulated(external: External | None) -> bool:
@@ -87,7 +85,7 @@ def _is_emulated(external: External | None) -> bool:
     return not (isinstance(external.block, PythonFunction) and external.block.gradient == "jax")
 
 
-def _check_discrepancy(blocks: Blocks) -> Iterator[Problem]:
+def _check_discrepancy(blocks: Blocks) -> Iterator[Issue]:
     discrepancy = blocks.discrepancy
     if discrepancy is None:
         return
@@ -101,4 +99,4 @@ def _check_discrepancy(blocks: Blocks) -> Iterator[Problem]:
         if not (lower > 0.0 and math.isfinite(upper)):
             message = f"found a {length.kind} prior from {lower:g} to {upper:g}, expected two bounds above zero"
             wanted = "uniform, truncated_normal or beta, or the discrepancy becomes noise or takes up parameters"
-            yield Problem(("discrepancy", "phase", "lengthscale"), f"{message}: {wanted}")
+            yield Issue(("discrepancy", "phase", "lengthscale"), f"{message}: {wanted}")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..blocks import readable
-from ..document import Location, Problem
+from ..document import Issue, Location
 from ..reading import Reading
 from ..telemetry import Channel
 from ..units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
@@ -19,7 +19,7 @@ _RAW = ("a plain number", "a voltage", "a resistance")
 _COMBINATIONS = {"temperature": ("mean",), "status": (), "driver": ("mean", "sum", "product")}
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """Files exist; units, ranges and options of channels suit their kind."""
     files: dict[Location, tuple[str, ...]] = {("telemetry",): reading.blocks.files}
     packets = readable(reading.blocks.packets or {})
@@ -32,19 +32,19 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         location = ("telemetry", "channels", name)
         if name in _RESERVED:
             message = f"found the name {name!r}, expected another: telemetry has something of its own that is called so"
-            yield Problem(location, message)
+            yield Issue(location, message)
         yield from _check_columns(channel, location)
         yield from _check_status(channel, location)
         unit_problem = _unit_problem(channel)
         if unit_problem:
-            yield Problem((*location, "unit"), unit_problem)
+            yield Issue((*location, "unit"), unit_problem)
         elif channel.valid_range is not None:
             yield from _check_range(channel, (*location, "valid_range"))
         yield from _check_options(channel, location, reading)
     yield from _check_shared(reading)
 
 
-def _check_packets(reading: Reading) -> Iterator[Problem]:
+def _check_packets(reading: Reading) -> Iterator[Issue]:
     """Each channel is of one packet, and each packet has a channel."""
     if reading.blocks.packets is None:
         return
@@ -53,41 +53,41 @@ def _check_packets(reading: Reading) -> Iterator[Problem]:
     for name, channel in readable(channels).items():
         location: Location = ("telemetry", "channels", name)
         if channel.packet is None and packets:
-            yield Problem(location, f"missing key 'packet', expected {' or '.join(packets)}")
+            yield Issue(location, f"missing key 'packet', expected {' or '.join(packets)}")
         elif channel.packet is not None and channel.packet not in packets:
             wanted = f"expected {' or '.join(packets)}" if packets else "expected none: telemetry has no 'packets'"
             message = f"found {show(channel.packet)}, {wanted}{did_you_mean(channel.packet, packets)}"
-            yield Problem((*location, "packet"), message)
+            yield Issue((*location, "packet"), message)
     for packet in packets:
         if all(channel is not None and channel.packet != packet for channel in channels.values()):
             message = "found no channel of this packet, expected one, or the packet is not needed"
-            yield Problem(("telemetry", "packets", packet), message, warning=True)
+            yield Issue(("telemetry", "packets", packet), message, warning=True)
 
 
-def _check_status(channel: Channel, location: Location) -> Iterator[Problem]:
+def _check_status(channel: Channel, location: Location) -> Iterator[Issue]:
     """What makes a status of a column is of a status or of a driver that is on or off, and there is one such thing."""
     keys = [key for key in ("on_above", "on_below", "bits") if getattr(channel, key) is not None]
     if not channel.is_state and channel.kind != "status":
         for key in [*(key for key in ("on", "off", "base") if key in channel.model_fields_set), *keys]:
-            yield Problem((*location, key), f"found {key!r} for a {channel.kind}, expected it for a status only")
+            yield Issue((*location, key), f"found {key!r} for a {channel.kind}, expected it for a status only")
         return
     if "base" in channel.model_fields_set and channel.bits is None:
-        yield Problem((*location, "base"), "found 'base' without 'bits', expected it beside them only")
+        yield Issue((*location, "base"), "found 'base' without 'bits', expected it beside them only")
     if len(keys) > 1:
-        yield Problem((*location, keys[1]), f"found {keys[0]!r} and {keys[1]!r}, expected one of them")
+        yield Issue((*location, keys[1]), f"found {keys[0]!r} and {keys[1]!r}, expected one of them")
     elif keys:
         excluded = ("off",) if keys == ["bits"] else ("on", "off")
         for key in excluded:
             if key in channel.model_fields_set:
-                yield Problem((*location, key), f"found {key!r} beside {keys[0]!r}, expected one of them")
+                yield Issue((*location, key), f"found {key!r} beside {keys[0]!r}, expected one of them")
     if channel.threshold is not None and channel.unit is not None and not _unit_problem(channel):
         try:
             to_si(getattr(channel, channel.threshold), si_unit(channel.unit))
         except ValueError as error:
-            yield Problem((*location, channel.threshold), str(error))
+            yield Issue((*location, channel.threshold), str(error))
 
 
-def _check_shared(reading: Reading) -> Iterator[Problem]:
+def _check_shared(reading: Reading) -> Iterator[Issue]:
     """Two observed channels or drivers had better not read one column: the same samples would count twice."""
     first: dict[tuple[str, str | None, tuple[int, ...] | None, str], str] = {}
     channels = readable(reading.blocks.channels)
@@ -102,7 +102,7 @@ def _check_shared(reading: Reading) -> Iterator[Problem]:
                 wanted = "expected different ones: the same samples would count twice"
                 if channel.kind == "driver":
                     wanted = "expected different ones, or one driver of several loads"
-                yield Problem(("telemetry", "channels", name, "column"), f"{message}, {wanted}", warning=True)
+                yield Issue(("telemetry", "channels", name, "column"), f"{message}, {wanted}", warning=True)
 
 
 def _unit_problem(channel: Channel) -> str | None:
@@ -129,24 +129,24 @@ def _unit_problem(channel: Channel) -> str | None:
     return f"found {show(channel.unit)} ({kind}), expected {wanted}{hint}"
 
 
-def _check_columns(channel: Channel, location: Location) -> Iterator[Problem]:
+def _check_columns(channel: Channel, location: Location) -> Iterator[Issue]:
     if channel.curve and (channel.kind != "temperature" or len(channel.column) > 1):
         found = f"a {channel.kind}" if channel.kind != "temperature" else f"{len(channel.column)} columns"
-        yield Problem((*location, "curve"), f"found 'curve' for {found}, expected it for a temperature in one column")
+        yield Issue((*location, "curve"), f"found 'curve' for {found}, expected it for a temperature in one column")
     allowed = _COMBINATIONS["driver" if channel.threshold else channel.kind]
     if len(channel.column) > 1 and channel.combine is None:
         wanted = f"'combine' ({', '.join(allowed)}) beside them" if allowed else "one"
         message = f"found {len(channel.column)} columns, expected {wanted}"
-        yield Problem((*location, "column"), message)
+        yield Issue((*location, "column"), message)
     elif channel.combine is not None and channel.combine not in allowed:
         wanted = ", ".join(allowed) or "one column"
-        yield Problem((*location, "combine"), f"found {channel.combine!r} for a {channel.kind}, expected {wanted}")
+        yield Issue((*location, "combine"), f"found {channel.combine!r} for a {channel.kind}, expected {wanted}")
 
 
-def _check_range(channel: Channel, location: Location) -> Iterator[Problem]:
+def _check_range(channel: Channel, location: Location) -> Iterator[Issue]:
     assert channel.valid_range is not None
     if channel.is_state:
-        yield Problem(location, "found a range, expected none for a status")
+        yield Issue(location, "found a range, expected none for a status")
         return
     unit = "K" if channel.curve else si_unit(channel.unit or "")
     bounds = []
@@ -154,25 +154,25 @@ def _check_range(channel: Channel, location: Location) -> Iterator[Problem]:
         try:
             bounds.append(to_si(bound, unit))
         except ValueError as error:
-            yield Problem((*location, k), str(error))
+            yield Issue((*location, k), str(error))
     if len(bounds) == 2 and not bounds[0] < bounds[1]:
         lowest, highest = map(show, channel.valid_range)
-        yield Problem(location, f"found {lowest} to {highest}, expected the lowest value before the highest")
+        yield Issue(location, f"found {lowest} to {highest}, expected the lowest value before the highest")
 
 
-def _check_options(channel: Channel, location: Location, reading: Reading) -> Iterator[Problem]:
+def _check_options(channel: Channel, location: Location, reading: Reading) -> Iterator[Issue]:
     if channel.kind != "driver" and "fill" in channel.model_fields_set:
-        yield Problem((*location, "fill"), f"found 'fill' for a {channel.kind}, expected it for a driver only")
+        yield Issue((*location, "fill"), f"found 'fill' for a {channel.kind}, expected it for a driver only")
     if channel.longest_gap is not None and (channel.kind != "driver" or channel.fill != "interpolate"):
         message = "found 'longest_gap', expected it for a driver with 'fill: interpolate' only"
-        yield Problem((*location, "longest_gap"), message)
+        yield Issue((*location, "longest_gap"), message)
     environment = reading.blocks.environment
     known = environment is None or environment.comes_again
     try:
         channel.bridge  # noqa: B018
     except ValueError as error:
         words = "expected interpolate, previous_orbit, hold or the value in gaps"
-        yield Problem((*location, "fill"), f"{words}: {error}")
+        yield Issue((*location, "fill"), f"{words}: {error}")
     if channel.fill == "previous_orbit" and not known:
         message = "found 'previous_orbit', expected 'orbit' or 'period' in environment: no orbital period is known"
-        yield Problem((*location, "fill"), message)
+        yield Issue((*location, "fill"), message)

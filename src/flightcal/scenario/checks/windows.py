@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from ..blocks import readable
-from ..document import Problem
+from ..document import Issue
 from ..environment import EARTH_RADIUS, CircularOrbit, Environment, KeplerianOrbit, TleOrbit
 from ..reading import Reading
 from ..units import did_you_mean
@@ -19,16 +19,16 @@ _TOLERANCE = timedelta(minutes=1)
 """Of an end that follows from a number of orbits: the period here is that of two bodies, without J2."""
 
 
-def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+def check(reading: Reading, folder: Path) -> Iterator[Issue]:
     """`train` exists, no other window overlaps it, and orbits can be counted."""
     blocks = reading.blocks
     trained = [name for name in blocks.windows if is_trained(name)]
     if "windows" in reading.document.data and not trained:
         message = f"missing window 'train', expected the stretch to calibrate on{did_you_mean('train', blocks.windows)}"
-        yield Problem(("windows",), message)
+        yield Issue(("windows",), message)
     for name in trained:
         if name in readable(blocks.windows) and readable(blocks.windows)[name].planned:
-            yield Problem(("windows", name, "planned"), "found true, expected telemetry to train on: no plan")
+            yield Issue(("windows", name, "planned"), "found true, expected telemetry to train on: no plan")
     environment = blocks.environment
     if environment is None:
         return
@@ -36,17 +36,17 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         in_orbits = [name for name, window in readable(blocks.windows).items() if window.orbits is not None]
         for name in in_orbits:
             message = "found a length in orbits, expected 'orbit' or 'period' in environment to know how long one is"
-            yield Problem(("windows", name, "orbits"), message)
+            yield Issue(("windows", name, "orbits"), message)
         if not in_orbits and blocks.windows:
             message = (
                 "found neither 'orbit' nor 'period': what the model lacks comes again with no orbit. Right of a probe; "
                 "else write an orbit, or after how long temperatures come again, such as 'period: 95 min'"
             )
-            yield Problem(("environment",), message, warning=True)
+            yield Issue(("environment",), message, warning=True)
     yield from _check_overlap(readable(blocks.windows), environment)
 
 
-def _check_overlap(windows: dict[str, Window], environment: Environment) -> Iterator[Problem]:
+def _check_overlap(windows: dict[str, Window], environment: Environment) -> Iterator[Issue]:
     spans = {name: _span(window, environment) for name, window in windows.items()}
     trained = {name: span for name, span in spans.items() if is_trained(name) and span is not None}
     seen: dict[str, tuple[datetime, datetime]] = {}
@@ -56,7 +56,7 @@ def _check_overlap(windows: dict[str, Window], environment: Environment) -> Iter
                 until = f"{train!r} lasts from {span[0]:%Y-%m-%dT%H:%M} to {span[1]:%Y-%m-%dT%H:%M}"
                 if orbits := windows[train].orbits:
                     until += f"; an orbit takes {(span[1] - span[0]).total_seconds() / orbits / 60.0:.0f} min"
-                yield Problem(("windows", name), f"found an overlap with {train!r}, expected unseen telemetry: {until}")
+                yield Issue(("windows", name), f"found an overlap with {train!r}, expected unseen telemetry: {until}")
         if name in trained:
             seen[name] = trained[name]
 
