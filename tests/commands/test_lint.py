@@ -114,6 +114,27 @@ def test_steps_that_no_number_of_them_makes_exact_are_told(tmp_path: Path):
     assert "leave an error of 0." in told
 
 
+@pytest.mark.parametrize(("change", "told"), [("02:00:00", True), ("06:00:00", False)])
+def test_a_plan_beyond_the_last_change_of_mode_is_told(tmp_path: Path, change: str, told: bool):
+    written = small.content()
+    written["simulator"] |= {
+        "modes": {"idle": {"body": "1 W"}, "busy": {"body": "3 W"}},
+        "timeline": [
+            {"at": "2024-03-01T00:00:00", "mode": "idle"},
+            {"at": f"2024-03-01T{change}", "mode": "busy"},
+        ],
+    }
+    written["windows"]["test"] = {
+        "plan": {"start": "2024-03-01T05:30:00", "end": "2024-03-01T06:30:00", "planned": True}
+    }
+    small.load(tmp_path, written)
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    words = (
+        "advice: windows.test.plan: simulator.timeline has no change after 2024-03-01T02:00:00, so all of the plan is"
+    )
+    assert (f"{words} in mode 'busy'" in result.output) == told, result.output
+
+
 @pytest.mark.parametrize(("samples", "told"), [(1, True), (20, False)])
 def test_a_heater_that_switches_more_often_than_it_is_sampled_is_told(tmp_path: Path, samples: int, told: bool):
     """Its state lasts for so many samples."""

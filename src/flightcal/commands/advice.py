@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) 
     yield from _of_tables(scenario, data)
     yield from _of_observations(scenario, data)
     yield from _of_heaters(scenario, data, trained)
+    yield from _of_plans(scenario)
     yield from of_steps(trained)
 
 
@@ -190,6 +192,25 @@ def _of_observations(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
                 f"not explain; write 'white' beside 'model: ar1', such as 'white: {step / 12**0.5:.2g} K' (a step over "
                 "root 12)"
             )
+
+
+def _of_plans(scenario: Scenario) -> Iterator[str]:
+    """Of planned windows in which no mode or attitude changes any more."""
+    from ..scenario import AttitudeTimeline, SimulatorModel
+
+    model, attitude = scenario.simulator, scenario.environment.attitude
+    last: dict[str, tuple[datetime, str]] = {}
+    if isinstance(model, SimulatorModel) and len(model.timeline) > 1:
+        last["simulator.timeline"] = model.timeline[-1].at, f" in mode '{model.timeline[-1].mode}'"
+    if isinstance(attitude, AttitudeTimeline):
+        last["environment.attitude.timeline"] = attitude.timeline[-1].at, " in the last attitude"
+    for window, own in scenario.windows.items():
+        for place, (at, kept) in last.items():
+            if own.planned and at < own.start:
+                yield (
+                    f"windows.{window}: {place} has no change after {at.isoformat()}, so all of the plan is{kept}; "
+                    "add what is planned"
+                )
 
 
 def _of_heaters(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) -> Iterator[str]:
