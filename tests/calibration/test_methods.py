@@ -4,8 +4,15 @@ import json
 
 import numpy as np
 import pytest
+import xarray
 
-from flightcal.calibration import calibrate_genetic, calibrate_nuts, genetic_points, with_residual_noise
+from flightcal.calibration import (
+    calibrate_genetic,
+    calibrate_nuts,
+    genetic_points,
+    posterior_mean,
+    with_residual_noise,
+)
 from flightcal.calibration.posterior import posterior_tree
 from flightcal.errors import FlightcalError
 from flightcal.problem import Problem, build_problem
@@ -94,6 +101,21 @@ def test_points_are_whole_thetas_whose_noise_is_the_rmse_of_each_channel(problem
         residual = problem.windows[0].observed - problem.windows[0].simulate(theta).temperatures
         assert theta[problem.names.index("noise.body_temp")] == pytest.approx(np.sqrt(np.mean(residual[:, 0] ** 2)))
     np.testing.assert_array_equal(points["poorly_calibrated"][chosen], genetic["poor_theta"])
+
+
+def test_the_posteriors_mean_is_a_point_though_it_may_tell_no_noise(problem):
+    usual = problem.priors.median()
+    draws = {
+        name: (("chain", "draw"), value * np.array([[0.98, 1.0], [1.02, 1.04]]))
+        for name, value in zip(problem.names, usual, strict=True)
+        if not name.startswith("noise.")
+    }
+    posterior = xarray.DataTree.from_dict({"posterior": xarray.Dataset(draws)})
+    theta = posterior_mean(problem, posterior)
+    told = np.array([name in draws for name in problem.names])
+    np.testing.assert_allclose(theta[told], 1.01 * usual[told])
+    residual = problem.windows[0].observed - problem.windows[0].simulate(theta).temperatures
+    assert theta[problem.names.index("noise.body_temp")] == pytest.approx(np.sqrt(np.mean(residual[:, 0] ** 2)))
 
 
 def test_poorly_calibrated_are_parameters_within_their_priors_at_the_right_initial_temperatures(problem, genetic):

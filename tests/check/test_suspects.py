@@ -108,6 +108,44 @@ def test_telemetry_is_compared_too_where_no_status_says_when_a_heater_is_on(tmp_
     assert (first.kind, first.about) == ("unit", "panel_temp")
 
 
+def heated_and_lit(load, capacity):
+    """One light node that the Sun heats for a part of each orbit, and a heater for the rest, beside a heavy one."""
+    written = small.content()
+    model = written["simulator"]
+    model["nodes"] |= {
+        "panel": {"capacity": f"{capacity} J/K", "initial": "16 degC"},
+        "body": {"capacity": "1e6 J/K", "initial": "10 degC"},
+    }
+    model["conductors"] = [
+        {"between": ["body", "panel"], "conductance": "0.2 W/K"},
+        {"between": ["panel", "space"], "radiative": "0.012 m^2"},
+    ]
+    thresholds = {"on_below": "15 degC", "off_above": "19 degC"}
+    model["heaters"]["heater"] |= {"node": "panel", "sensor": "panel", "power": "12 W", **thresholds}
+    model["loads"]["sun"]["coefficient"] = f"{load} W/A"
+    power = {"mean": "12 W", "standard_deviation": "1.5 W", "lower": "6 W", "upper": "18 W"}
+    written["parameters"] = {
+        "link": {
+            "sets": "conductors.body-panel.conductance",
+            "prior": {"lognormal": {"median": "0.2 W/K", "factor": 1.4}},
+        },
+        "power": {"sets": "heaters.heater.power", "prior": {"truncated_normal": power}},
+    }
+    written["windows"]["train"]["end"] = "2024-03-01T06:00:00"
+    written["windows"]["test"] = {"start": "2024-03-01T06:00:00", "end": "2024-03-01T06:45:00"}
+    return written
+
+
+@pytest.mark.parametrize(("load", "capacity", "power"), [(8.0, 500.0, 12.5), (12.0, 950.0, 12.0), (8.0, 950.0, 11.5)])
+def test_a_heater_without_a_status_may_be_on_for_another_share_in_each_part_of_an_orbit(
+    tmp_path, load, capacity, power
+):
+    written = heated_and_lit(load, capacity)
+    _, data = small.closed_loop(tmp_path, written, link=0.2, power=power, initial_panel=289.0, initial_body=283.0)
+    scenario, _ = small.load(tmp_path, silent(written))
+    assert named(scenario, data) == ()
+
+
 def test_a_status_that_never_changes_is_told_too_where_it_comes_at_times_of_its_own(flown):
     scenario, data = flown
     even = np.arange(data.sizes["time"]) % 2 == 0

@@ -126,9 +126,12 @@ def posterior_mean(problem: Problem, posterior: xarray.DataTree) -> FloatArray:
     """The posterior's mean, theta [d], as a point estimate: what calibrated.yaml has. ``noise.*`` as in
     `genetic_points`.
 
-    problem: without unmodelled heat, whose posterior may have it.
+    problem: without unmodelled heat. The posterior may have it, and then no noise: that matters to no simulation.
     """
-    return with_residual_noise(problem, thetas_of(posterior, problem.names).mean(axis=0))
+    theta = problem.priors.median()
+    known = [k for k, name in enumerate(problem.names) if name in posterior["posterior"]]
+    theta[known] = thetas_of(posterior, [problem.names[k] for k in known]).mean(axis=0)
+    return with_residual_noise(problem, theta)
 
 
 def _whole_point(problem: Problem, values: xarray.DataArray) -> FloatArray:

@@ -31,7 +31,7 @@ from .jumps import Jump, in_turns, in_words, jumps
 from .misfit import misfit
 from .prepared import prepared
 from .suspicion import BAD, CLEAR, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
-from .thermostat import copied, disobeyed, exchanged, unfollowed
+from .thermostat import copied, disobeyed, exchanged, inferred, unfollowed
 from .view import View
 from .white_box import OF_THERMOSTATS, compared
 from .wrongs import in_other_units
@@ -205,8 +205,10 @@ def _misread(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> Sus
 
     By its readings as they are such a heater was never on, or always, so that `units` does not find it.
     """
-    silent = [own.sensor for own in scenario.network.switches.values() if own.measured_by is None]
-    if scenario.observations[channel].node not in silent:
+    node = scenario.observations[channel].node
+    silent = [name for name, own in scenario.network.switches.items() if own.measured_by is None and own.sensor == node]
+    states = [set(np.unique(inferred(scenario, telemetry, name))) for name in silent]
+    if not any(own in ({0.0}, {1.0}) for own in states):
         return None
     for read, words in in_other_units(channel, telemetry[channel].to_numpy()):
         try:

@@ -20,6 +20,8 @@ from .sunlight import Sunlight
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
 """What a simulator may lack and be right: heat of some percent of what flows through each node."""
+_PARTS = 12.0
+"""Of an orbit, in each of which the mean heat of such a heater is another one."""
 _ANY, _MEAN = 0.5, 0.3
 """Of its power, deviations of the heat of a heater of which nobody knows when it is on: at a time, when on and off are
 both half of it from what is expected, and of its mean, that lies anywhere from none to all of it."""
@@ -244,8 +246,11 @@ class View(Comparison):
         if node not in self.heat.nodes or not len(each):
             return np.empty((self.begun.shape[0], 0))
         effects = self.response(window, z, node, each)
+        # How long it is on changes with the sunlight: it is unknown in each part of an orbit, too.
+        part = np.arange(effects.shape[1]) * _PARTS * self.rows.seconds[-1] // (window.period * effects.shape[1])
+        slowly = effects @ (part[:, None] == np.unique(part))
         power = self.window.scenario.network.heaters[heater].power
-        return power * np.column_stack([_MEAN * effects.sum(axis=1), _ANY * effects])
+        return power * np.column_stack([_MEAN * effects.sum(axis=1), _MEAN * slowly, _ANY * effects])
 
     @cached_property
     def switch_of(self) -> dict[str, int]:
