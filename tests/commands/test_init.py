@@ -95,10 +95,6 @@ def test_files_of_one_parameter_each_become_channels_with_their_times_in_common(
     assert {own.column for own in channels.values()} == {("ENG",)}
     assert all(own.valid_where == {"VALIDITY": ("VALID",)} for own in scenario.telemetry.packets.values())
     assert scenario.telemetry.average == 300.0
-    written = tmp_path / "sat" / "scenario.yaml"
-    assert "average" not in lint(tmp_path / "sat")
-    written.write_text("".join(line for line in written.read_text().splitlines(True) if "average:" not in line))
-    assert "write 'average: 5 min' below 'telemetry:': means have their times in common" in lint(tmp_path / "sat")
 
 
 def test_lint_tells_of_many_rows_that_are_dropped_for_others_of_the_same_time(tmp_path: Path):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
 from flightcal.scenario import TelemetryFile
-from flightcal.telemetry import dense_channels, quality_table, read_telemetry
+from flightcal.telemetry import dense_channels, length_in_common, quality_table, read_telemetry
 
 from .files import CHANNELS, START, frame, read, seconds, text
 
@@ -141,3 +141,24 @@ def test_means_of_packets_that_are_sampled_at_different_times_have_their_times_i
         assert known.sum() >= 57
         # A mean over 600 s of what bends by 5 K / (4000 s)^2 is off by up to 5 x 600^2 / 24 / 4000^2 = 5 mK.
         assert np.sqrt(np.mean(error[known] ** 2)) < 0.005 + 1.4 * 0.02 / np.sqrt(count)
+
+
+@pytest.mark.parametrize(
+    ("interval", "packets", "times", "length"),
+    [
+        (64.0, 12, 9000, 300.0),  # of the slowest, which has twice the interval
+        (64.0, 12, 5000, None),  # so few cost little
+        (10.0, 12, 9000, 60.0),
+        (64.0, 2, 9000, None),  # means of two would gain little
+        (7200.0, 12, 9000, None),  # and of hours, nothing would be left
+    ],
+)
+def test_means_are_advised_where_packets_have_many_times_of_their_own(tmp_path, interval, packets, times, length):
+    channels = {}
+    for k in range(packets):
+        at = np.arange(40) * interval * (2 if k == 1 else 1) + k * interval / packets
+        table_of(at.tolist(), T=np.linspace(20.0, 25.0, 40)).to_csv(tmp_path / f"{k}.csv", index=False)
+        channels[f"t{k}"] = {"packet": f"p{k}", "column": "T", "kind": "temperature", "unit": "degC"}
+    files = {f"p{k}": {"file": f"{k}.csv", "time": {"column": "time"}} for k in range(packets)}
+    dataset = read_telemetry(TelemetryFile(packets=files, channels=channels), tmp_path)
+    assert length_in_common(dataset, times) == length
