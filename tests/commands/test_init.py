@@ -126,6 +126,16 @@ def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: 
     }
 
 
+def test_labels_of_series_are_part_of_a_name_only_where_they_tell_series_apart(tmp_path: Path):
+    table, rng = pd.DataFrame({"Time": text(seconds(*(60.0 * np.arange(40))))}), np.random.default_rng(3)
+    for title in ('EPS.temp {sat="A"}', 'PLD.temp {unit="1"}', 'PLD.temp {unit="2"}'):
+        table[title] = rng.normal(20.0, 3.0, 40).round(1)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    channels = load_scenario(tmp_path / "sat" / "scenario.yaml").telemetry.channels
+    assert list(channels) == ["eps_temp", "pld_temp_unit_1", "pld_temp_unit_2"]
+
+
 def test_columns_that_are_left_out_are_told(tmp_path: Path):
     table = frame(40)
     table["LINE"] = ["HEATING", "STANDBY"] * 20

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -32,6 +33,8 @@ _LONGEST_COUNT = 4e9
 _ABOUT = 0.15
 _COLD, _WARM = -20, 60
 """degC, that stand for the lowest and the highest of raw readings."""
+_LABELS = re.compile(r"\s*\{.*\}\s*$")
+"""Of a dashboard's series, as in `EPS.battery_temp {sat="NIX-1"}`."""
 _TIMELINE = "timeline.csv"
 _AS_WARM = {"degC": (-120.0, 140.0), "K": (150.0, 420.0)}
 _VARIES, _REACHES = 2.0, 5.0
@@ -223,13 +226,21 @@ def _packet_names(packets: Sequence[FoundPacket]) -> dict[str, FoundPacket]:
 def _channels(names: Mapping[str, FoundPacket]) -> list[_Channel]:
     taken: dict[str, object] = dict.fromkeys(("time", "channel", "flags", "finding", "rows", "masked", "space"))
     channels = []
+    whole = {_title(column) for packet in names.values() for column in packet.columns}
+    bare = Counter(_LABELS.sub("", title) for title in whole)
     for packet_name, packet in names.items():
         for column in packet.columns:
-            bit = "" if column.bit is None else f"_{column.bit}"
-            name = _unique(f"{_slug(column.called or column.name)}{bit}", taken)
+            bit, title = "" if column.bit is None else f"_{column.bit}", _title(column)
+            short = _LABELS.sub("", title)
+            name = _unique(f"{_slug(short if bare[short] == 1 else title)}{bit}", taken)
             taken[name] = None
             channels.append(_Channel(name, packet_name, column))
     return channels
+
+
+def _title(column: FoundColumn) -> str:
+    """What a column is called."""
+    return column.called or column.name
 
 
 def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: Sequence[_Channel]) -> str:
