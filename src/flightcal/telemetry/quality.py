@@ -16,7 +16,7 @@ from .clean import GAP_FACTOR, Gap, Nanoseconds, clock_text, find_gaps, usual_in
 
 _FEW = 20
 """Samples, of which it cannot be told whether they come at a pace of their own."""
-LISTED = 3
+LISTED = 5
 """Runs and gaps that a record's detail lists; the longest ones."""
 _SINGLE = 3
 """Of these, so many of one sample each."""
