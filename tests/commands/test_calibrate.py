@@ -31,7 +31,8 @@ from tests.told import Told
 FILES = {
     "scenario.yaml", "provenance.json", "suspects.json", "telemetry_quality.json", "priors.json",
     "integration.json", "genetic.nc", "posterior.nc", "diagnostics.json", "prediction.nc", "metrics.json",
-    "verdict.json", "parameters.json", "parameters.csv", "calibrated.yaml", "report.html", "log.jsonl", "digests.json",
+    "verdict.json", "parameters.json", "parameters.csv", "calibrated.yaml", "best_fit.yaml", "report.html",
+    "log.jsonl", "digests.json",
     "run.lock",
 }  # fmt: skip
 
@@ -186,20 +187,22 @@ def test_the_calibrated_scenario_runs_as_it_is(finished, tmp_path):
     assert after < 0.12
 
 
-def test_what_the_calibrated_numbers_alone_are_worth_is_that_of_a_simulation_of_the_file_and_told(finished, tmp_path):
+@pytest.mark.parametrize(("file", "method"), [("calibrated.yaml", "calibrated"), ("best_fit.yaml", "genetic_best")])
+def test_what_numbers_alone_are_worth_is_that_of_a_simulation_of_their_file_and_told(finished, tmp_path, file, method):
     _, run, summary = finished
     scores = {(m.method, m.window, m.channel): m.value for m in summary.metrics if m.metric == "rmse"}
-    simulated = simulate_to_csv(run / "calibrated.yaml", "train", [], tmp_path / "out.csv")
+    simulated = simulate_to_csv(run / file, "train", [], tmp_path / "out.csv")
     for channel in ("body_temp", "panel_temp"):
         (line,) = (line for line in simulated if line.startswith(f"{channel}: RMSE "))
-        assert float(line.split()[2]) == pytest.approx(scores["calibrated", "train", channel], abs=1.5e-3)
+        assert float(line.split()[2]) == pytest.approx(scores[method, "train", channel], abs=1.5e-3)
     (error,) = simulator_errors(summary.metrics)
-    methods = ("uncalibrated", "calibrated", "stochastic")
-    found = (error.window, error.before, error.calibrated, error.predicted)
-    assert found == ("test", *(scores[method, "test", "all"] for method in methods))
-    assert f"# {error}\n" in (run / "calibrated.yaml").read_text()
+    methods = ("uncalibrated", "calibrated", "genetic_best", "stochastic")
+    found = (error.window, error.before, error.calibrated, error.best_fit, error.predicted)
+    assert found == ("test", *(scores[one, "test", "all"] for one in methods))
+    assert f"# {error}\n" in (run / file).read_text()
     shown = CliRunner().invoke(app, ["show", str(run)], env={"COLUMNS": "300"})
     assert str(error) in shown.output
+    assert f"{run / file}: the scenario with" in " ".join(shown.output.split())
 
 
 def test_draws_are_what_arviz_reads(finished):

@@ -249,12 +249,13 @@ def test_comparison_stands_one_missing_method(prediction):
 def test_what_the_calibrated_numbers_alone_are_worth_is_told_of_unseen_windows_with_telemetry():
     errors = {
         ("train", "calibrated"): 0.1, ("test", "uncalibrated"): 3.0, ("test", "calibrated"): 0.5,
-        ("test", "stochastic"): 0.25, ("plan", "uncalibrated"): None, ("plan", "calibrated"): None,
-        ("plan", "stochastic"): None,
+        ("test", "genetic_best"): 0.4, ("test", "stochastic"): 0.25, ("plan", "uncalibrated"): None,
+        ("plan", "calibrated"): None, ("plan", "genetic_best"): None, ("plan", "stochastic"): None,
     }  # fmt: skip
     metrics = [Metric(method, window, "all", "rmse", value, "K") for (window, method), value in errors.items()]
-    assert simulator_errors(metrics) == [SimulatorError("test", 3.0, 0.5, 0.25)]
+    assert simulator_errors(metrics) == [SimulatorError("test", 3.0, 0.5, 0.4, 0.25)]
     assert str(simulator_errors(metrics)[0]) == (
-        "test: RMSE 3 K before, 0.5 K simulated with the calibrated numbers alone, 0.25 K as this run predicts"
+        "test: RMSE 3 K before, 0.25 K as this run predicts; simulated alone 0.5 K with calibrated.yaml, 0.4 K with "
+        "best_fit.yaml"
     )
-    assert simulator_errors(metrics[:3]) == []
+    assert simulator_errors(metrics[:4]) == []

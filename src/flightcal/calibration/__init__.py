@@ -30,6 +30,14 @@ from .optimisation import (
     with_residual_noise,
 )
 from .posterior import Posterior, mean_and_some, some_of
-from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated, read_fixed_numbers
+from .results import (
+    BEST_FIT_FILE,
+    CALIBRATED_FILE,
+    RESULTS,
+    RESULTS_FILE,
+    TABLE_FILE,
+    read_calibrated,
+    read_fixed_numbers,
+)
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
 from .table import Calibrated, html_table

@@ -10,6 +10,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Final
 
+import xarray
+
 from ..errors import FlightcalError, RunError
 from ..problem import Problem
 from ..run import Run, Stage, plain, read_json, read_provenance, typed
@@ -26,17 +28,34 @@ from ..scenario import (
 )
 from .considered import FixedNumbers, considered
 from .heat_file import with_kept_heat
+from .optimisation import genetic_points
 from .posterior import thetas_of
 from .stages import Sampled
 from .table import INTERVAL, Calibrated, calibrated, correlation
 
-RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE = "parameters.json", "parameters.csv", "calibrated.yaml"
+RESULTS_FILE, TABLE_FILE = "parameters.json", "parameters.csv"
+CALIBRATED_FILE, BEST_FIT_FILE = "calibrated.yaml", "best_fit.yaml"
+_OF_MEANS: Final = "posterior means: what the satellite is likely to be."
+_OF_BEST_FIT: Final = (
+    "those that alone fit the training best. Where the simulator lacks something\nthey make up for it, and lie beside "
+    f"the truth: {CALIBRATED_FILE} has what the satellite is likely to be."
+)
 _DIGITS: Final = 6
 _AGREE: Final = 1e-4
 """Relative; numbers are written with six digits."""
 
 
-def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, about: str, files: Sequence[str]) -> None:
+def _make(
+    run: Run,
+    problem: Problem,
+    genetic: xarray.Dataset,
+    sampled: Sampled,
+    *,
+    text: str,
+    about: str,
+    files: Sequence[str],
+) -> None:
+    best_fit = dict(zip(problem.names, genetic_points(problem, genetic)["genetic_best"].tolist(), strict=True))
     problem = with_kept_heat(problem, sampled.posterior)
     thetas = thetas_of(sampled.posterior, problem.names)
     settings, units = problem.scenario.calibration, parameter_units(text, problem.scenario)
@@ -51,15 +70,20 @@ def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, about: str
     run.folder.write_json(RESULTS_FILE, plain(content))
     run.folder.write_text(TABLE_FILE, _csv(rows))
     means = dict(zip(problem.names, thetas.mean(axis=0).tolist(), strict=True))
-    header = _header(read_provenance(run.path), problem, about)
-    file = run.folder.file(CALIBRATED_FILE)
-    resolved = resolved_yaml(problem.scenario, absolute=True)
+    provenance = read_provenance(run.path)
+    _write(run, CALIBRATED_FILE, problem.scenario, text, means, _header(provenance, problem, about, _OF_MEANS))
+    _write(run, BEST_FIT_FILE, problem.scenario, text, best_fit, _header(provenance, problem, about, _OF_BEST_FIT))
+
+
+def _write(run: Run, name: str, scenario: Scenario, text: str, values: Mapping[str, float], header: str) -> None:
+    """Write a scenario's text with its parameters at values (by name, SI) as a file of the run."""
+    resolved = resolved_yaml(scenario, absolute=True)
     for base, otherwise in ((text, "written without the scenario's comments"), (resolved, "not as it should be")):
         try:
-            run.folder.write_text(CALIBRATED_FILE, calibrated_text(base, problem.scenario, means, header))
-            _check(file, problem.scenario, means)
+            run.folder.write_text(name, calibrated_text(base, scenario, values, header))
+            _check(run.folder.file(name), scenario, values)
         except FlightcalError as error:
-            run.progress.say(f"{CALIBRATED_FILE}: {otherwise}: {error}")
+            run.progress.say(f"{name}: {otherwise}: {error}")
         else:
             return
 
@@ -78,8 +102,8 @@ def _check(file: Path, scenario: Scenario, means: Mapping[str, float]) -> None:
             raise RewritingError(f"{path}: found {found[path].value:g} in it, expected {wanted:g}")
 
 
-def _header(provenance: Mapping[str, Any], problem: Problem, about: str) -> str:
-    """Of calibrated.yaml: which run it is from, and what it is good for."""
+def _header(provenance: Mapping[str, Any], problem: Problem, about: str, numbers: str) -> str:
+    """Of a scenario with other numbers: which run it is from, what it is good for, and what its numbers are."""
     created, identity = str(provenance.get("created", ""))[:19], str(provenance.get("identity", ""))[:12]
     scenario = problem.scenario
     windows = ", ".join(scenario.train_windows)
@@ -88,8 +112,9 @@ def _header(provenance: Mapping[str, Any], problem: Problem, about: str) -> str:
         f"Calibrated by flightcal {provenance.get('flightcal', '')}: run {identity} of {created} UTC, "
         f"seed {scenario.calibration.seed}, trained on {windows}.\n"
         f"{about}\n"
-        "Numbers that parameters set or scale are posterior means. What is believed of them before telemetry is as\n"
-        "it was: the prior of a factor is divided by what its numbers were multiplied with.\n"
+        f"Numbers that parameters set or scale are {numbers}\n"
+        "What is believed of them before telemetry is as it was: the prior of a factor is divided by what its numbers\n"
+        "were multiplied with.\n"
         f"{'' if problem.heat is None else heat}"
         f"Deviations, intervals and correlations stand in {RESULTS_FILE} of the run.\n"
     )
@@ -127,6 +152,6 @@ def _read(run: Run, *_: Any) -> tuple[Calibrated, ...]:
     return read_calibrated(run.folder.file(RESULTS_FILE))
 
 
-RESULTS: Final = Stage("results", "", (RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE), _make, _read)
-"""Of a problem and what NUTS gave; text: of the scenario's file, about: lines of what the result is worth, files: that
-the scenario names."""
+RESULTS: Final = Stage("results", "", (RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE, BEST_FIT_FILE), _make, _read)
+"""Of a problem and what the genetic algorithm and NUTS gave; text: of the scenario's file, about: lines of what the
+result is worth, files: that the scenario names."""

@@ -163,7 +163,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         run.folder.write_json(VERDICT, verdict.record)
         files = [str(file.absolute()) for file in input_files(scenario)]
         about = "\n".join([f"Verdict: {verdict.use}", *map(str, simulator_errors(metrics))])
-        parameters = run.stage(RESULTS, problem, sampled, text=text, about=about, files=files)
+        parameters = run.stage(RESULTS, problem, genetic, sampled, text=text, about=about, files=files)
         report = write_report(run.path)
     shares, outside = heat_shares(sampled.posterior), read_unseen(run.folder.file(PREDICTION_FILE))
     return Summary(

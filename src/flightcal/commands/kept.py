@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.markup import escape
 
-from ..calibration import CALIBRATED_FILE, RESULTS_FILE, TABLE_FILE, Calibrated, read_calibrated
+from ..calibration import BEST_FIT_FILE, CALIBRATED_FILE, RESULTS_FILE, TABLE_FILE, Calibrated, read_calibrated
 from ..errors import RunError
 from ..prediction import Metric
 from ..run import check_whole, read_json, read_provenance, read_records, typed
@@ -32,6 +32,7 @@ _BEGUN: Final = "genetic"
 """A stage of calibrations: a check may stand in the folder of one."""
 ABOUT: Final = {
     CALIBRATED_FILE: "the scenario with the calibrated numbers",
+    BEST_FIT_FILE: "the scenario with the numbers that alone fit best",
     TABLE_FILE: "every quantity before and after",
     RESULTS_FILE: "the same, with correlations",
     "posterior.nc": "the draws, in ArviZ's netCDF",

@@ -23,10 +23,11 @@ ZERO_CELSIUS = 273.15
 NEAR_ZERO = 1.0
 """K. Closer to 0 degC than this, a percentage of the Celsius temperature means nothing."""
 
-UNCALIBRATED, CALIBRATED, STOCHASTIC = "uncalibrated", "calibrated", "stochastic"
-"""The simulator before and with the calibrated numbers, and the mean of simulations of posterior draws with heat."""
+UNCALIBRATED, CALIBRATED, BEST_FIT, STOCHASTIC = "uncalibrated", "calibrated", "genetic_best", "stochastic"
+"""The simulator before, with the calibrated numbers, and with those that alone fit best; and the mean of simulations of
+posterior draws with heat."""
 
-POINT_METHODS = (UNCALIBRATED, "poorly_calibrated", "genetic", "genetic_best", CALIBRATED)
+POINT_METHODS = (UNCALIBRATED, "poorly_calibrated", "genetic", BEST_FIT, CALIBRATED)
 """Methods that give one temperature and no interval."""
 
 GENETIC_RUNS = "genetic_runs"
@@ -259,13 +260,15 @@ class SimulatorError:
     """At the priors' medians."""
     calibrated: float
     """At the posterior's mean, without unmodelled heat: as a simulation of calibrated.yaml."""
+    best_fit: float
+    """With the numbers that alone fit the training best, as a simulation of best_fit.yaml."""
     predicted: float
     """As the run predicts: with unmodelled heat, where it has any."""
 
     def __str__(self) -> str:
         return (
-            f"{self.window}: RMSE {self.before:.3g} K before, {self.calibrated:.3g} K simulated with the calibrated "
-            f"numbers alone, {self.predicted:.3g} K as this run predicts"
+            f"{self.window}: RMSE {self.before:.3g} K before, {self.predicted:.3g} K as this run predicts; simulated "
+            f"alone {self.calibrated:.3g} K with calibrated.yaml, {self.best_fit:.3g} K with best_fit.yaml"
         )
 
 
@@ -273,7 +276,7 @@ def simulator_errors(metrics: Iterable[Metric]) -> list[SimulatorError]:
     """What the calibrated numbers alone are worth, in each window that was not trained on and has telemetry."""
     found = values_of(metrics)
     windows = dict.fromkeys(window for _, window, _, _ in found if not is_trained(window))
-    methods = (UNCALIBRATED, CALIBRATED, STOCHASTIC)
+    methods = (UNCALIBRATED, CALIBRATED, BEST_FIT, STOCHASTIC)
     errors = {window: [found.get((method, window, "all", "rmse")) for method in methods] for window in windows}
     return [
         SimulatorError(window, *(value for value in of if value is not None))

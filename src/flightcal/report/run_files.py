@@ -14,6 +14,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from ..calibration import (
+    BEST_FIT_FILE,
     CALIBRATED_FILE,
     RESULTS_FILE,
     TABLE_FILE,
@@ -57,6 +58,7 @@ STAGES = {
 
 _TAKEN_AWAY = {
     CALIBRATED_FILE: "the scenario with these numbers",
+    BEST_FIT_FILE: "that with the numbers that alone fit best",
     TABLE_FILE: "every quantity",
     RESULTS_FILE: "and correlations",
 }

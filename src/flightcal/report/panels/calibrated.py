@@ -19,6 +19,10 @@ LITTLE = 0.2
 """Share of the telemetry's word below which a value is more or less what was believed before, unless it moved."""
 FAR = 1.0
 """Normal score of a median in its prior, from which a value moved and is not what was believed before."""
+_ALONE = (
+    "A simulation of these files has no unmodelled heat. The numbers of best_fit.yaml make up for that, and lie beside "
+    "the truth; those of calibrated.yaml are what the satellite is likely to be."
+)
 _MOVED = "moved, as wide"
 
 
@@ -49,8 +53,15 @@ def panel(run: RunFiles) -> list[Block]:
     blocks = [block.table(table(rows[:MOST_ROWS], within, moved))]
     if rows[MOST_ROWS:]:
         blocks.append(block.folded(f"{len(rows) - MOST_ROWS} more", table(rows[MOST_ROWS:], within, moved)))
-    alone = [block.text(f"{error}.") for error in simulator_errors(run.metrics)]
-    return [*blocks, block.text(words), *alone, *([block.links("To load:", run.files)] if run.files else [])]
+    alone = [f"{error}." for error in simulator_errors(run.metrics)]
+    if alone and run.heat is not None:
+        alone.append(_ALONE)
+    return [
+        *blocks,
+        block.text(words),
+        *([block.text(" ".join(alone))] if alone else []),
+        *([block.links("To load:", run.files)] if run.files else []),
+    ]
 
 
 def moved_far(rows: Iterable[Calibrated], scores: Mapping[str, PriorScore]) -> set[str]:
