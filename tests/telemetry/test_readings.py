@@ -182,3 +182,17 @@ def test_readings_that_are_marked_invalid_are_not_used(tmp_path: Path):
     assert dataset["EPS"].notnull().all()
     np.testing.assert_array_equal(dataset["OBC"].isnull(), np.arange(30) % 5 == 0)
     assert [(own.channel, own.finding, own.samples) for own in quality_table(dataset)] == [("OBC", "invalid_marker", 6)]
+
+
+def test_readings_may_come_in_segments_of_one_channel_each(tmp_path: Path):
+    """As data sets of labelled segments have them: each a channel for some time, those of other channels beside it."""
+    times, segments = seconds(*(60.0 * np.arange(120))), []
+    for start in range(0, 120, 40):
+        for name, level in (("CADC0872", 20.0), ("CADC0873", 5.0)):
+            part = pd.DataFrame({"timestamp": text(times[start : start + 40]), "channel": name})
+            part["value"], part["segment"], part["label"] = level + np.arange(40) % 7, len(segments), "anomaly"
+            segments.append(part)
+    (found,) = detect([written(tmp_path, pd.concat(segments))])
+    assert found.readings is not None
+    assert (found.readings.name, found.readings.value) == (("channel",), "value")
+    assert [own.name for own in found.columns] == ["CADC0872", "CADC0873"]

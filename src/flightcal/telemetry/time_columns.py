@@ -17,7 +17,7 @@ from ._doy import UNREADABLE
 from ._times import Nanoseconds, is_text, readable_times, time_cells
 from .read import without_empty_rows
 from .readers import Source, read_table
-from .readings import LOOKED_AT, comes_again, names_of
+from .readings import LOOKED_AT, follows, names_of
 
 _UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
 _DAYS: Final = ("year-doy", "decimal-doy")
@@ -122,7 +122,7 @@ def _of_readings(table: pa.Table, time: TimeColumn, times: Nanoseconds) -> bool:
     for name in table.column_names:
         if name not in time.column and is_text(table[name]) and len(times) == min(len(table), LOOKED_AT):
             names = names_of(table.slice(0, LOOKED_AT), (name,))
-            if comes_again(names) and _moves_on(times[names == Counter(names).most_common(1)[0][0]]):
+            if follows(names, times) and _moves_on(times[names == Counter(names).most_common(1)[0][0]]):
                 return True
     return False
 
