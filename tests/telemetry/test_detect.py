@@ -82,6 +82,8 @@ def test_a_counter_is_no_day(tmp_path: Path, start: float, step: float):
     ("cells", "written"),
     [
         ({"Date": ["2024-03-01"] * 8, "Time": [f"00:{k:02d}:00" for k in range(8)]}, "iso8601"),
+        ({"Datum": ["2024-03-01"] * 8, "Uhrzeit": [f"00:{k:02d}:00" for k in range(8)]}, "iso8601"),
+        ({"Datum": ["01.03.2024"] * 8, "Uhrzeit": [f"00:{k:02d}:00" for k in range(8)]}, "%d.%m.%Y %H:%M:%S"),
         ({"DATE": ["2024-061"] * 8, "UTC": [f"00:{k:02d}:00" for k in range(8)]}, "year-doy"),
         ({"YEAR": [2024] * 8, "DOY": [61] * 8, "HMS": [f"00:{k:02d}:00" for k in range(8)]}, "year-doy"),
         ({"Year": [2024] * 8, "Day": [61] * 8, "H": [0] * 8, "M": list(range(8)), "S": [0.0] * 8}, "year-doy"),

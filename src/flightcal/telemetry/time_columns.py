@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -65,7 +66,9 @@ def time_of(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColu
         for size in range(2, _MOST_PARTS + 1)
         if _DATE_NAME.search(name) and k + size <= len(names)
     ]
-    for columns in ((name,) for name in likely), beside:
+    # A date and a time of day have names in the language of whoever exported them.
+    pairs = [pair for pair in pairwise(names) if pair not in beside and not is_numeric(table[pair[0]])]
+    for columns in ((name,) for name in likely), beside, pairs:
         for column in columns:
             numeric = len(column) == 1 and is_numeric(table[column[0]])
             # As it is written, where it may well be a time.
