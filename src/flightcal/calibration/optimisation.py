@@ -134,11 +134,21 @@ def posterior_mean(problem: Problem, posterior: xarray.DataTree) -> FloatArray:
     return with_residual_noise(problem, theta)
 
 
-def _whole_point(problem: Problem, values: xarray.DataArray) -> FloatArray:
-    """theta [d] with the values [parameter] that a genetic algorithm found, and the noise that it leaves."""
+def best_fit(problem: Problem, runs: xarray.Dataset) -> FloatArray:
+    """theta [d] of `calibrate_genetic`'s best run, priors' medians where it does not search; nothing is simulated."""
+    return _found(problem, runs["best_theta"])
+
+
+def _found(problem: Problem, values: xarray.DataArray) -> FloatArray:
+    """theta [d] with the values [parameter] that a genetic algorithm found."""
     theta = problem.priors.median()
     theta[[problem.names.index(name) for name in values["parameter"].values]] = values
-    return with_residual_noise(problem, theta)
+    return theta
+
+
+def _whole_point(problem: Problem, values: xarray.DataArray) -> FloatArray:
+    """The same, with the noise that it leaves."""
+    return with_residual_noise(problem, _found(problem, values))
 
 
 def with_residual_noise(problem: Problem, theta: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ from ..scenario import (
 )
 from .considered import FixedNumbers, considered
 from .heat_file import with_kept_heat
-from .optimisation import genetic_points
+from .optimisation import best_fit
 from .posterior import thetas_of
 from .stages import Sampled
 from .table import INTERVAL, Calibrated, calibrated, correlation
@@ -55,7 +55,7 @@ def _make(
     about: str,
     files: Sequence[str],
 ) -> None:
-    best_fit = dict(zip(problem.names, genetic_points(problem, genetic)["genetic_best"].tolist(), strict=True))
+    best = dict(zip(problem.names, best_fit(problem, genetic).tolist(), strict=True))
     problem = with_kept_heat(problem, sampled.posterior)
     thetas = thetas_of(sampled.posterior, problem.names)
     settings, units = problem.scenario.calibration, parameter_units(text, problem.scenario)
@@ -72,7 +72,7 @@ def _make(
     means = dict(zip(problem.names, thetas.mean(axis=0).tolist(), strict=True))
     provenance = read_provenance(run.path)
     _write(run, CALIBRATED_FILE, problem.scenario, text, means, _header(provenance, problem, about, _OF_MEANS))
-    _write(run, BEST_FIT_FILE, problem.scenario, text, best_fit, _header(provenance, problem, about, _OF_BEST_FIT))
+    _write(run, BEST_FIT_FILE, problem.scenario, text, best, _header(provenance, problem, about, _OF_BEST_FIT))
 
 
 def _write(run: Run, name: str, scenario: Scenario, text: str, values: Mapping[str, float], header: str) -> None:

@@ -157,6 +157,8 @@ def _length_in_common(data: xarray.Dataset, channels: Sequence[_Channel]) -> flo
     """Seconds over which means of packets have few times in common; null: they need none."""
     from ..telemetry import length_in_common
 
+    if "packets" not in data.attrs:
+        return None  # and no windows need to be guessed
     period = guess.period(data, [channel.name for channel in channels if channel.kind == "temperature"])
     packets = {channel.name: channel.packet for channel in channels}
     start, middle, _ = (np.datetime64(at) for at in guess.windows(data, packets, period))
