@@ -7,7 +7,8 @@ from .average import ENOUGH, LONG, MANY, dense_channels, length_in_common
 from .blurred import is_blurred, smoothed
 from .bridges import bridged, measured_inputs
 from .clean import usual_interval
-from .detect import FoundColumn, FoundPacket, detect
+from .columns import FoundColumn
+from .detect import FoundPacket, detect
 from .drivers import (
     SHORT_GAP,
     driver_corners,
