@@ -144,6 +144,10 @@ def test_a_plan_is_predicted_from_the_last_telemetry_on_and_holds(tmp_path_facto
         inside = (truth[channel] > own["lower"]) & (truth[channel] < own["upper"])
         assert float(inside.mean()) > 0.8, channel
         assert float((own["upper"] - own["lower"]).mean()) < 6.0
+        # What is flown has measurement noise, and the extremes have none.
+        for end, extreme in (("lowest", truth[channel].min()), ("highest", truth[channel].max())):
+            draws = ahead[end].sel(channel=channel)
+            assert draws.min() - 0.2 < extreme < draws.max() + 0.2, (channel, end)
 
 
 # --- from training to what follows --------------------------------------------------------------------------------

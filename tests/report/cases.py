@@ -158,6 +158,16 @@ def with_a_plan(run):
     return dataclasses.replace(right, windows=right.windows | {"test.tomorrow": test.assign(nothing)})
 
 
+def with_a_limit(run):
+    """The same, where the first channel goes below its limit with a chance of a quarter."""
+    planned = with_a_plan(run)
+    plan = planned.windows["test.tomorrow"]
+    limit = plan["lower_limit"].copy()
+    limit[0] = float(plan["lowest"].isel(channel=0).quantile(0.25))
+    windows = planned.windows | {"test.tomorrow": plan.assign(lower_limit=limit)}
+    return dataclasses.replace(planned, windows=windows)
+
+
 def status_is_not_measured(run):
     right = fitted(run)
     windows = {

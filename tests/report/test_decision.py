@@ -9,7 +9,9 @@ import re
 import pytest
 
 from flightcal.report import page, verdict_of
+from flightcal.report.masking import masked
 from flightcal.report.page import render
+from flightcal.report.panels import plans
 from flightcal.report.panels.picture import choose, wide_intervals
 
 from .cases import (
@@ -26,6 +28,7 @@ from .cases import (
     prior_is_doubtful,
     status_is_not_measured,
     status_is_of_passes,
+    with_a_limit,
     with_a_plan,
 )
 from .packed import drawn, without_scripts
@@ -151,10 +154,23 @@ def test_where_the_status_is_that_of_passes_the_whole_window_stands_beside_it(ru
 def test_of_a_plan_the_extremes_are_told_and_the_verdict_is_that_of_what_is_scored(run):
     assert "plans" not in first_screen(good(run))[0]
     words, _ = first_screen(with_a_plan(run))
-    extreme = r"[−\d.]+ \([−\d.]+\) \d\d-\d\d \d\d:\d\d"
+    extreme = r"[−\d.]+ \([−\d.]+ to [−\d.]+\) \d\d-\d\d \d\d:\d\d"
     assert re.search(rf"“test.tomorrow” .* panel_temperature {extreme} {extreme} ", words["plans"])
     assert "tomorrow" not in words["verdict"]
     assert words["verdict"].splitlines()[0] == first_screen(good(run))[0]["verdict"].splitlines()[0]
+
+
+def test_the_chance_that_a_plan_passes_a_limit_stands_beside_its_extreme(run):
+    planned = with_a_limit(run)
+    words, _ = first_screen(planned)
+    lowest, highest = (r"[−\d.]+ \([−\d.]+ to [−\d.]+\) \S+ \S+" for _ in range(2))
+    assert re.search(rf"panel_temperature {lowest} [−\d.]+ 25\.0% {highest} – – ", words["plans"])
+    assert re.search(rf"battery_temperature {lowest} – – {highest} – – ", words["plans"])
+    drawn = next(block.figures[0] for block in plans.panel(planned).blocks if block.kind == "figure")
+    limit = float(planned.windows["test.tomorrow"]["lower_limit"][0]) - 273.15
+    assert [trace.y[0] for trace in drawn.data if trace.name == "limit"] == [pytest.approx(limit, abs=1e-3)]
+    # Masked, temperatures and their limit are less the same constant.
+    assert "25.0%" in first_screen(masked(planned))[0]["plans"]
 
 
 def test_the_picture_is_of_the_channel_whose_noise_is_not_what_was_assumed(run):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import xarray
 
     from ..calibration import Calibrated
-    from ..prediction import Metric, Unseen
+    from ..prediction import Extreme, Metric, Unseen
     from ..problem import Problem
     from ..report import Verdict
     from ..run import Run
@@ -53,6 +53,8 @@ class Summary:
     """What of each window was not trained on; windows in which all was are not named."""
     parameters: tuple[Calibrated, ...] = ()
     """Every uncertain quantity before and after."""
+    limits: tuple[Extreme, ...] = ()
+    """What plans come to, of channels with limits, the likeliest to pass theirs first."""
     checked: dict[str, Any] | None = None
     """Content of full_simulator_check.json; None: the simulator stands for no other."""
 
@@ -121,7 +123,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
     from ..calibration import COMPILE, GENETIC, NUTS, RESULTS
     from ..check import SUSPECTS, PriorRuns
     from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
-    from ..prediction import PREDICT, PREDICTION_FILE, read_unseen, simulator_errors
+    from ..prediction import PREDICT, PREDICTION_FILE, limits_of, limits_told, read_unseen, simulator_errors
     from ..report import read_run, verdict_of, write_report
     from ..scenario import input_files
     from ..validation import FULL_SIMULATOR, flown_from
@@ -156,7 +158,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         )  # fmt: skip
     metrics = run.stage(
         PREDICT, problem, data, genetic, sampled, emulation,
-        windows=scenario.windows, settings=method.prediction, seed=seed,
+        windows=scenario.windows, limits=limits_of(scenario), settings=method.prediction, seed=seed,
     )  # fmt: skip
     with run.progress.stage("writing the report"), run.folder.stage("report", run.key(metrics)):
         verdict = verdict_of(read_run(run.path))
@@ -176,6 +178,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         shares,
         outside,
         parameters,
+        tuple(limits_told(run.folder.file(PREDICTION_FILE))),
         checked,
     )
 

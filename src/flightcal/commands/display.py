@@ -17,7 +17,7 @@ from rich.padding import Padding
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ..prediction import ANY, GENETIC_RUNS, Metric, Unseen, by_place, comparison_table, simulator_errors
+from ..prediction import ANY, GENETIC_RUNS, Extreme, Metric, Unseen, by_place, comparison_table, simulator_errors
 from ..progress import Lines, Progress
 from ..scenario import is_trained
 from ..validation import ALL, INTERVALS
@@ -36,6 +36,8 @@ _WORST = 3
 _WORTH_SAYING = 0.05
 """Share of a window's time, of what was not trained on."""
 _NAMED = 4
+_MAY_BE, _LIKELY = 0.01, 0.5
+"""Chances that a limit is passed, from which it is told in colour."""
 
 
 @contextmanager
@@ -106,6 +108,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
         console.print(parameter_table(rows, console))
     for error in simulator_errors(summary.metrics):
         say(console, str(error))
+    print_limits(summary.limits, console)
     say(console, f"report: {summary.report}")
 
 
@@ -123,6 +126,12 @@ def print_verdict(verdict: Mapping[str, Any], run: Path, console: Console) -> No
         say(console, f"  {answer['question']} {MARKS[answer['state']]}: {answer['answer']}")
     here = f" {shlex.quote(str(run / 'scenario.yaml'))} --out {shlex.quote(str(run))}/"
     say(console, f"  next: {verdict['next'].replace(' scenario.yaml --out ', here)}")
+
+
+def print_limits(told: Sequence[Extreme], console: Console) -> None:
+    """Of plans: the chances that limits are passed, those in colour that may be."""
+    for own in told:
+        say(console, str(own), "bold red" if own.chance > _LIKELY else "yellow" if own.chance > _MAY_BE else "")
 
 
 def _print_scores(metrics: Sequence[Metric], console: Console) -> None:

@@ -87,6 +87,8 @@ def _bound(scenario: Scenario) -> dict[str, Any]:
     )
     for packet in (content["telemetry"], *content["telemetry"]["packets"].values()):
         del packet["file"]
+    for channel in content["telemetry"]["channels"].values():
+        del channel["limits"]
     return content
 
 

@@ -4,6 +4,7 @@ Imports: calibration, emulation, environment, errors, probability, problem, run,
 """
 
 from .holding import HELD, Holding, hold_together, replicates_of
+from .limits import Extreme, extremes, is_plan, limits_of, limits_told
 from .metrics import (
     GENETIC_RUNS,
     ZERO_CELSIUS,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import RunError
 from ..problem import Window
@@ -53,6 +54,9 @@ class Ensemble:
     failed: int
     draws: FloatArray
     """[S, T, N] K, of telemetry: simulation, discrepancy and noise together."""
+    lowest: FloatArray
+    """[S, N] K, of the temperature itself, in the scored samples; infinite without any."""
+    highest: FloatArray
     discrepancy: FloatArray | None = None
     """[3, T, N] K: its mean, and lower and upper bound of its interval; None: there is none."""
 
@@ -67,6 +71,7 @@ def propagate(
     thresholds: Thresholds | None = None,
     known: FloatArray | None = None,
     on: FloatArray | None = None,
+    scored: NDArray[np.bool_] | None = None,
 ) -> Ensemble:
     """Simulate at thetas [S, q] in one batch, add a surrogate's error, discrepancy and noise of each, and summarise.
 
@@ -74,7 +79,8 @@ def propagate(
     interval: probability inside, such as 0.95; errors: of each theta (None: independent noise); heat: [S, h, 2 K] W
     that no block describes, of each theta; thresholds: of each theta (None: as written); known:
     [S, T, N] K, a surrogate's error of each theta (None: drawn); on: [S, H] heaters that are on at first (None: as
-    the status or the scenario says). Raises RunError when more than half of the simulations fail.
+    the status or the scenario says); scored: [T] samples that count (None: all). Raises RunError when more than half of
+    the simulations fail.
     """
     trained = is_trained(window.name)
     # Where the telemetry is known, so is when its heaters switched.
@@ -121,6 +127,7 @@ def propagate(
             bounds = np.quantile(drawn.discrepancy, tails, axis=0)
             discrepancy = np.concatenate([drawn.discrepancy.mean(axis=0)[None], bounds])
     lower, upper = np.quantile(noisy, tails, axis=0)
+    counting = simulated if scored is None else simulated[:, scored]
     model_lower, model_upper = np.quantile(simulated, tails, axis=0)
     heaters = len(window.simulator.heaters)
     duty_cycle = np.stack([run.duty_cycle for _, run in kept])
@@ -146,5 +153,7 @@ def propagate(
         energy=duty_cycle * power * window.duration,
         failed=len(thetas) - len(kept),
         draws=noisy,
+        lowest=counting.min(axis=1, initial=np.inf),
+        highest=counting.max(axis=1, initial=-np.inf),
         discrepancy=discrepancy,
     )

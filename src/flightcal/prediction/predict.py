@@ -83,7 +83,7 @@ def predict(
     of_heat: dict[str, Any] = {}
     if heated is not None:
         of_heat = {"heat": heated.injected.on(window), "thresholds": heated.thresholds, "known": heated.known}
-    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, on=on, **of_heat)
+    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, on=on, scored=scored, **of_heat)
     runs = window.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(window, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     seconds = (window.times - window.times[0]) / np.timedelta64(1, "s")
@@ -279,6 +279,8 @@ def _dataset(
             "standard_deviation": (by_method, deviation),
             "model_lower": (("time", "channel"), ensemble.model_lower),
             "model_upper": (("time", "channel"), ensemble.model_upper),
+            "lowest": (("simulation", "channel"), ensemble.lowest),
+            "highest": (("simulation", "channel"), ensemble.highest),
             "crps": (("time", "channel"), ensemble.crps),
             "probability_below": (("time", "channel"), ensemble.probability_below),
             "observed_status": (("time", "heater"), window.status),

@@ -20,10 +20,12 @@ from ..calibration import (
 )
 from ..emulation import Emulation, window_emulator
 from ..problem import Problem
-from ..run import Run, Stage, plain, read_records, typed
+from ..run import Run, Stage, labelled, plain, read_records, typed
 from ..scenario import PredictionSettings, Window
 from ..simulator import FloatArray
 from .heat import draw_heat
+from .labels import LABELS
+from .limits import Limits, limit_scores, with_limits
 from .metrics import CALIBRATED, GENETIC_RUNS, STOCHASTIC, UNCALIBRATED, Metric, score, scores_of_runs
 from .predict import predict
 
@@ -39,6 +41,7 @@ def _predict(
     emulation: Emulation | None,
     *,
     windows: Mapping[str, Window],
+    limits: Limits,
     settings: PredictionSettings,
     seed: int,
 ) -> None:
@@ -60,8 +63,13 @@ def _predict(
     predicted = {}
     for k, window in enumerate(windows):
         run.progress.at(k, f"window {window}")
-        predicted[window], _ = predict(problem, data, window, points, draws, seed=seed, heat=heat, **stand_in)
-    scores = [metric for window, prediction in predicted.items() for metric in score(prediction, window)]
+        prediction, _ = predict(problem, data, window, points, draws, seed=seed, heat=heat, **stand_in)
+        predicted[window] = labelled(with_limits(prediction, limits), LABELS)
+    scores = [
+        metric
+        for window, prediction in predicted.items()
+        for metric in (*score(prediction, window), *limit_scores(prediction, window))
+    ]
     kept = [*shown, STOCHASTIC]
     of_runs = [metric for metric in scores if metric.method not in kept]
     metrics = [metric for metric in scores if metric.method in kept]

@@ -28,7 +28,18 @@ _KINDS: Final = {
     "inputs": "input", "outputs": "output", "reduced": "number", "errors": "error",
 }  # fmt: skip
 """Mappings of a scenario whose keys are names, and what the names are of."""
-_TEMPERATURES: Final = ("observed", "mean", "lower", "upper", "model_lower", "model_upper")
+_TEMPERATURES: Final = (
+    "observed",
+    "mean",
+    "lower",
+    "upper",
+    "model_lower",
+    "model_upper",
+    "lowest",
+    "highest",
+    "lower_limit",
+    "upper_limit",
+)
 """Variables of a window that are absolute temperatures."""
 _WORDS: Final = frozenset({"kind", "part", "finding", "metric", "method", "mode", "unit"})
 """Fields whose values are flightcal's words and no names."""

@@ -285,11 +285,3 @@ def bins(run: RunFiles) -> int:
 def has_prediction(window: xr.Dataset, method: str) -> bool:
     """Whether a window's prediction has a method, with numbers in it."""
     return method in window["by"].values and bool(np.isfinite(window["mean"].sel({"by": method}).values).any())
-
-
-def is_plan(window: xr.Dataset) -> bool:
-    """Whether there is a prediction of a window, and nothing in it to score that by."""
-    return (
-        has_prediction(window, "stochastic")
-        and not np.isfinite(window["observed"].where(window["scored"]).values).any()
-    )

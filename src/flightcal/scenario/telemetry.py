@@ -64,6 +64,13 @@ CurvePoint = Annotated[
 ]
 
 
+Limit = Annotated[float, Quantity("K", above=0, at_most=HOTTEST)]
+Limits = Annotated[
+    tuple[Limit | None, Limit | None],
+    of_length(2, "two temperatures [lowest, highest], null for one that there is not"),
+]
+
+
 Fill = Literal["interpolate", "previous_orbit", "hold"] | float
 """How a driver's gaps are bridged; a number: the value in them, SI."""
 
@@ -96,6 +103,9 @@ class Channel(Block):
     Linear in between; readings beyond the ends are out of range."""
     valid_range: Range | None = None
     """Lowest and highest believable value, with units (for a driver without a unit, plain numbers)."""
+    limits: Limits | None = None
+    """Of a temperature: the lowest and the highest that operations allow, null for none. The chance that a plan passes
+    one is told."""
     invalid: Markers = ()
     """Marker values of the ground system, as they stand in the file."""
     on: Markers = (1.0, "1", "ON", "on", "On", "true", "True", "TRUE", "YES", "ENABLED", "ENABLE", "ACTIVE", "CLOSED")

@@ -7,9 +7,10 @@ from typing import Final, Literal
 
 import numpy as np
 
+from ...prediction import is_plan
 from .. import block
 from ..block import Block, section
-from ..run_files import RunFiles, is_plan
+from ..run_files import RunFiles
 from ..tables import Cell, Table
 from ..text import percent
 

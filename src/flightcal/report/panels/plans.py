@@ -2,43 +2,82 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Final
+
 import numpy as np
 import xarray as xr
 
+from ...prediction import Extreme, extremes, is_plan
 from .. import block
 from ..block import Block, section
-from ..run_files import RunFiles, is_plan
-from ..tables import Table
+from ..run_files import RunFiles, bins, has_prediction
+from ..tables import Cell, Table
 from ..text import number
-from ..windows import column, degrees, names
+from ..windows import CELSIUS, degrees
+from .picture import HEIGHTS
+from .prediction import figure_stochastic
+
+MAY_BE: Final = 0.01
+LIKELY: Final = 0.5
+"""Chances that a limit is passed, from which it may be and from which it is expected."""
+_SHOWN: Final = 2
+"""Channels whose prediction is drawn, the likeliest to pass a limit first."""
+_FINELY: Final = 50
+"""Stretches of a series of which a figure has the extremes."""
 
 
 @section("plans", "Plans")
 def panel(run: RunFiles) -> list[Block]:
-    """How low and how high each channel goes; nothing where nothing is planned."""
-    windows = {name: window for name, window in run.test_windows.items() if is_plan(window)}
+    """How low and how high each channel goes, and the chance that it passes a limit; nothing without a plan."""
+    windows = {
+        name: window
+        for name, window in run.test_windows.items()
+        if is_plan(window) and has_prediction(window, "stochastic")
+    }
     if not windows:
         return []
+    found = {name: list(extremes(window, name)) for name, window in windows.items()}
     words = (
-        f"Nothing is measured there yet. Lowest: the least of the predicted mean, and of the lower end of its "
-        f"{run.interval}, with the time (UTC) of the mean's. Highest: likewise. A limit between may be passed."
+        "Nothing is measured there yet. Lowest and highest: of the temperature itself, without measurement noise, over "
+        f"the whole window, in brackets with its {run.interval}; beside it when the predicted mean is there, UTC."
     )
-    tables = [(block.heading(f"“{name}”"), block.table(table(window))) for name, window in windows.items()]
-    return [*(part for parts in tables for part in parts), block.text(words)]
+    if any(not np.isnan(own.limit) for of in found.values() for own in of):
+        words += " Chance: that the limit is passed at any time in the window, as the draws of the posterior have it."
+    else:
+        words += " With “limits: [0 degC, 45 degC]” of a channel the chance that it passes one stands here too."
+    blocks = []
+    for name, of in found.items():
+        blocks += [block.heading(f"“{name}”"), block.table(table(windows[name], of))]
+        likeliest = sorted((own for own in of if not np.isnan(own.limit)), key=lambda own: -own.chance)
+        if shown := list(dict.fromkeys(own.channel for own in likeliest))[:_SHOWN]:
+            window = windows[name].sel(channel=shown)
+            figure = figure_stochastic(window, max(bins(run), _FINELY), heights=HEIGHTS)
+            figure.update_layout(showlegend=False, margin={"t": 24})
+            caption = f"Line and band: predicted mean and {run.interval} of telemetry. Dashed: limits near it."
+            blocks.append(block.figure(figure, caption))
+    return [*blocks, block.text(words)]
 
 
-def table(window: xr.Dataset) -> Table:
+def table(window: xr.Dataset, found: Sequence[Extreme]) -> Table:
     """A row for each channel."""
-    # Before that, the last telemetry tells where it begins.
-    window, rows, unit = window.isel(time=window["scored"].values), [], degrees(window)
-    for channel in names(window, "channel"):
-        mean, lower, upper = (column(window, what, channel, "stochastic") for what in ("mean", "lower", "upper"))
-        if not np.isfinite(mean).any():
-            continue
-        ends = []
-        for find, extreme, end in ((np.nanargmin, np.nanmin, lower), (np.nanargmax, np.nanmax, upper)):
-            k = int(find(mean))
-            when = np.datetime_as_string(window["time"].values[k], unit="m").replace("T", " ")
-            ends += [f"{number(mean[k], 3)} ({number(float(extreme(end)), 3)})", when[len("2024-") :]]
-        rows.append([channel, *ends])
-    return Table(("channel", f"lowest, {unit}", "at", f"highest, {unit}", "at"), rows, (1, 2, 3, 4))
+    rows: dict[str, list[str]] = {}
+    limited = {own.channel for own in found if not np.isnan(own.limit)}
+    for own in found:
+        when = np.datetime_as_string(own.time, unit="m").replace("T", " ")[len("2024-") :]
+        middle, lower, upper = (number(value + CELSIUS, 3) for value in (own.median, own.lower, own.upper))
+        row = rows.setdefault(own.channel, [own.channel])
+        row += [f"{middle} ({lower} to {upper})", when]
+        if limited:
+            row += _against_limit(own)
+    unit = degrees(window)
+    of_limit = ("limit", "chance") if limited else ()
+    header = ("channel", f"lowest, {unit}", "at", *of_limit, f"highest, {unit}", "at", *of_limit)
+    return Table(header, list(rows.values()), range(1, len(header)))
+
+
+def _against_limit(own: Extreme) -> list[str]:
+    if np.isnan(own.limit):
+        return ["–", "–"]
+    state = "bad" if own.chance > LIKELY else "warn" if own.chance > MAY_BE else "good"
+    return [number(own.limit + CELSIUS, 3), Cell(own.chance_in_words, state)]

@@ -14,10 +14,11 @@ from ...scenario import is_trained
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
-from ..style import BAND, MODEL_BAND, STOCHASTIC, band, polygons
+from ..style import BAND, MODEL_BAND, STOCHASTIC, WARNING, band, polygons
 from ..text import letter, percent
 from ..thinning import followed
 from ..windows import (
+    CELSIUS,
     HEIGHTS,
     Heights,
     broken,
@@ -29,6 +30,10 @@ from ..windows import (
     scatter,
     window_canvas,
 )
+
+_LIMITS = ("lower_limit", "upper_limit")
+_NEAR = 1.0
+"""Of what a prediction spans, from it to a limit that its figure shows."""
 
 
 @section("prediction", "Prediction with interval")
@@ -91,9 +96,24 @@ def figure_stochastic(
     figure, rows = window_canvas(prediction, channels, heaters, heights, titles)
     for channel in names(prediction, "channel"):
         _stochastic(figure, prediction, channel, rows[channel], bins)
+        _limits(figure, prediction, channel, rows[channel])
     for heater in names(prediction, "heater"):
         draw_status(figure, prediction, ["stochastic"], heater, rows[heater], bins, title="P(on)")
     return figure
+
+
+def _limits(figure: go.Figure, prediction: xr.Dataset, channel: str, row: int) -> None:
+    """Limits of operations that lie near the prediction, as dashed lines."""
+    lower, upper = (column(prediction, name, channel, "stochastic") for name in ("lower", "upper"))
+    lowest, highest = np.nanmin(lower), np.nanmax(upper)
+    near, ends = _NEAR * (highest - lowest), prediction["time"].values[[0, -1]]
+    for limit in (float(prediction[name].sel(channel=channel)) + CELSIUS for name in _LIMITS if name in prediction):
+        if lowest - near < limit < highest + near:
+            scatter(
+                figure, row, ends, np.full(2, limit), "limit", mode="lines",
+                hovertemplate=f"%{{y:.4g}} {degrees(prediction)}",
+                line={"color": WARNING, "width": 1.4, "dash": "dash"},
+            )  # fmt: skip
 
 
 def _stochastic(figure: go.Figure, prediction: xr.Dataset, channel: str, row: int, bins: int) -> None:

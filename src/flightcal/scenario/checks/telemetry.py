@@ -40,6 +40,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Issue]:
             yield Issue((*location, "unit"), unit_problem)
         elif channel.valid_range is not None:
             yield from _check_range(channel, (*location, "valid_range"))
+        yield from _check_limits(channel, (*location, "limits"))
         yield from _check_options(channel, location, reading)
     yield from _check_shared(reading)
 
@@ -158,6 +159,16 @@ def _check_range(channel: Channel, location: Location) -> Iterator[Issue]:
     if len(bounds) == 2 and not bounds[0] < bounds[1]:
         lowest, highest = map(show, channel.valid_range)
         yield Issue(location, f"found {lowest} to {highest}, expected the lowest value before the highest")
+
+
+def _check_limits(channel: Channel, location: Location) -> Iterator[Issue]:
+    if channel.limits is None:
+        return
+    lowest, highest = channel.limits
+    if channel.kind != "temperature":
+        yield Issue(location, f"found limits of a {channel.kind}, expected them of a temperature only")
+    elif lowest is not None and highest is not None and not lowest < highest:
+        yield Issue(location, f"found {lowest:g} K to {highest:g} K, expected the lowest value before the highest")
 
 
 def _check_options(channel: Channel, location: Location, reading: Reading) -> Iterator[Issue]:
