@@ -2,11 +2,13 @@
 
 import json
 import re
+from io import StringIO
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray
+from rich.console import Console
 from typer.testing import CliRunner
 
 from flightcal import validation
@@ -14,7 +16,7 @@ from flightcal.cli import USER_ERROR, app
 from flightcal.commands import compare
 from flightcal.commands.backtest import Backtest
 from flightcal.commands.calibrate import Summary
-from flightcal.commands.display import print_comparison
+from flightcal.commands.display import print_in_short
 from flightcal.errors import RunError
 from flightcal.prediction import Metric
 from flightcal.progress import SILENT
@@ -323,7 +325,7 @@ def test_a_model_that_failed_a_gate_is_named_with_the_gate(tmp_path):
     values = {"rmse": 1.0, "mape_kelvin": 0.3, "picp": 0.95, "mpiw": 4.0, "crps": 0.6, "log_score": -1.0}
     shares = {"all": 0.95, "body": 0.9, "panel": 1.0}
     content = {
-        "means": {"iid": values, "ar1": values},
+        "models": ["iid", "ar1"], "means": {"iid": values, "ar1": values}, "interval": 0.95, "useless": [],
         "scores": [
             {"model": "iid", "window": "test", "channel": name, "picp": share} for name, share in shares.items()
         ],
@@ -331,10 +333,17 @@ def test_a_model_that_failed_a_gate_is_named_with_the_gate(tmp_path):
         "reason": "Nothing is recommended.", "passed": {"iid": True, "ar1": False},
         "failed_gates": {"iid": [], "ar1": ["R-hat 1.023 (link)", "divergences 12"]},
     }  # fmt: skip
-    lines = printed(print_comparison, compare.Comparison(tmp_path, {}, content))
-    assert "failed a gate: ar1 (R-hat 1.023 (link), divergences 12)" in lines
-    assert "recommended: none" in lines
-    assert "iid: covers least, 90.0% of body in test" in lines
+    (tmp_path / "comparison.json").write_text(json.dumps(content), encoding="utf-8")
+    lines = printed(print_in_short, tmp_path, "comparison", tmp_path / "comparison.html")
+    assert "! caution: Not converged: ar1" in lines
+    assert "  - ar1: R-hat 1.023 (link), divergences 12" in lines
+    assert "! caution: No model is recommended" in lines
+    assert "  - iid covers least: 90.0% of body in “test”." in lines
+    # Where a terminal is too narrow for all columns, those that fit are whole.
+    written = StringIO()
+    print_in_short(tmp_path, "comparison", tmp_path / "comparison.html", Console(file=written, width=41))
+    row = next(line for line in written.getvalue().splitlines() if line.startswith("ar1"))
+    assert row.split() == ["ar1", "1.00", "0.300", "95.0%", "4.00", "0.600"]
     gates = [
         {"name": "R-hat", "found": "1.2 (link)", "required": "1.01", "passed": False},
         {"name": "divergences", "found": "0", "required": "0", "passed": True},

@@ -41,13 +41,13 @@ def backtest(
 
     Example: `flightcal backtest scenario.yaml --out runs/backtest --origins 5 --train "2 orbits"`
     """
-    from .display import display, print_backtest
+    from .display import display, print_in_short
 
     with display() as progress:
         found = backtest_scenario(
             scenario, out, origins, train=train, horizon=horizon, telemetry=telemetry, progress=progress
         )
-    print_backtest(found)
+    print_in_short(found.folder, "backtest", found.report)
     if not found.content["passed"]:
         raise typer.Exit(GATE_FAILED)
     if not found.content["holds"]:

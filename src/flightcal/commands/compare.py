@@ -50,7 +50,7 @@ def compare(
 
     Example: `flightcal compare scenario.yaml --out runs/compared`
     """
-    from .display import display, print_comparison
+    from .display import display, print_in_short
 
     chosen = None if models is None else [model.strip() for model in models.split(",") if model.strip()]
     with display() as progress:
@@ -63,7 +63,7 @@ def compare(
             backtest=backtest,
             progress=progress,
         )
-    print_comparison(comparison)
+    print_in_short(comparison.folder, "comparison", comparison.folder / "comparison.html")
     if not comparison.passed:
         raise typer.Exit(GATE_FAILED)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,15 +20,15 @@ from rich.text import Text
 from ..prediction import ANY, GENETIC_RUNS, Extreme, Metric, Unseen, by_place, comparison_table, simulator_errors
 from ..progress import Lines, Progress
 from ..scenario import is_trained
-from ..validation import ALL, INTERVALS
 from .printing import say, table_of
 
 if TYPE_CHECKING:
-    from .backtest import Backtest
+    from rich.table import Table
+
+    from ..check import CheckSummary
+    from ..report import Finding
+    from ..report import Table as PageTable
     from .calibrate import Summary
-    from .check import CheckSummary
-    from .compare import Comparison as ModelComparison
-    from .validate import Validation
 
 _METRICS = {"rmse": "RMSE, K", "mape_kelvin": "MAPE, % of K", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K"}
 _WORST = 3
@@ -36,6 +36,8 @@ _WORST = 3
 _WORTH_SAYING = 0.05
 """Share of a window's time, of what was not trained on."""
 _NAMED = 4
+_BETWEEN = 2
+"""Characters between two columns."""
 _MAY_BE, _LIKELY = 0.01, 0.5
 """Chances that a limit is passed, from which it is told in colour."""
 
@@ -237,93 +239,43 @@ def print_check(summary: CheckSummary, console: Console | None = None) -> None:
     console = console or Console()
     style = "green" if summary.passed else "bold red"
     console.print(f"\n{summary.verdict}", style=style, highlight=False, markup=False)
+    _print_findings(summary.findings, console)
+    say(console, f"\npage: {summary.page}")
+
+
+def print_in_short(folder: Path, kind: str, page: Path, console: Console | None = None) -> None:
+    """The first tables and the findings of a `backtest`, `comparison` or `validation`, and where its page is."""
+    from ..report import in_short  # which takes a second, for its figures
+
+    console = console or Console()
+    tables, findings = in_short(folder, kind)
+    for own in tables:
+        console.print(_on_terminal(own, console.width))
+    _print_findings(findings, console)
+    say(console, f"\npage: {page}")
+
+
+def _on_terminal(table: PageTable, width: int) -> Table:
+    """A table of a page, each cell in one line: as many of its columns as fit, for the page has all."""
+    rows = [[cell.partition("\n")[0] for cell in row] for row in table.rows]
+    widths = [max(map(len, (*head.split(), *(row[k] for row in rows)))) for k, head in enumerate(table.header)]
+    fit = sum(so_far - _BETWEEN <= width for so_far in accumulate(own + _BETWEEN for own in widths))
+    shown = table_of("", table.header[:fit], ())
+    for k, column in enumerate(shown.columns):
+        column.justify = "right" if k in table.numbers else "left"
+        column.width = widths[k]
+    for row in rows:
+        shown.add_row(*map(escape, row[:fit]))
+    return shown
+
+
+def _print_findings(findings: Sequence[Finding], console: Console) -> None:
     colours = {"good": "green", "warn": "yellow", "bad": "bold red", "none": "dim"}
-    for finding in summary.findings:
+    for finding in findings:
         console.print()
         console.print(f"{finding.mark}: {finding.title}", style=colours[finding.state], markup=False, highlight=False)
         for line in (finding.text, *(f"- {detail}" for detail in finding.details)):
             console.print(Padding(Text(line), (0, 0, 0, 2), expand=False), highlight=False)
-    say(console, f"\npage: {summary.page}")
-
-
-def print_validation(validation: Validation, console: Console | None = None) -> None:
-    """The verdict, the quantities, and where the page is."""
-    console = console or Console()
-    outside = [check.name for check in validation.checks if not check.inside]
-    words = f"not uniform: {', '.join(outside)}" if outside else "uniform, as they are where the posterior is right"
-    style = "bold red" if outside else "green"
-    console.print(f"\nRanks of {len(validation.repeats)} repeats: {words}", style=style, highlight=False, markup=False)
-    shares = [f"{share:.0%} covers" for share in INTERVALS]
-    table = table_of("", ("quantity",), ("p", *shares, "contraction", "score"))
-    for check in validation.checks:
-        covered = [f"{share:.1%}" for share in check.coverage]
-        contraction = "-" if math.isnan(check.contraction) else f"{check.contraction:.1%}"
-        table.add_row(check.name, f"{check.p_value:.3f}", *covered, contraction, f"{check.score:.2f}")
-    console.print(table)
-    say(console, f"page: {validation.folder / 'validation.html'}")
-
-
-def print_comparison(comparison: ModelComparison, console: Console | None = None) -> None:
-    """The models side by side on the unseen windows, what is recommended, and where the page is."""
-    console = console or Console()
-    numbers = ("RMSE K", "MAPE %", "PICP", "MPIW K", "CRPS K", "log score")
-    table = table_of("Means over unseen windows, all channels", ("model",), numbers)
-    for model, means in comparison.content["means"].items():
-        shown = [
-            "-" if value is None else f"{value:.1%}" if metric == "picp" else f"{value:.4g}"
-            for metric, value in means.items()
-        ]
-        table.add_row(escape(model), *shown)
-    console.print(table)
-    for model in comparison.content["means"]:
-        shares = [row for row in comparison.content["scores"] if row["model"] == model and row["channel"] != "all"]
-        if worst := min((row for row in shares if row["picp"] is not None), key=lambda row: row["picp"], default=None):
-            place = f"{worst['picp']:.1%} of {worst['channel']} in {worst['window']}"
-            say(console, f"{model}: covers least, {place}")
-    for model, windows in comparison.content["left_out"].items():
-        for window, scores in windows.items():
-            words = f"PICP {scores['picp']:.1%}, CRPS {scores['crps']:.4g} K, log score {scores['log_score']:.4g}"
-            note = "" if scores["passed"] else " (not converged)"
-            say(console, f"{model}, {window} predicted by the others: {words}{note}")
-    for model, own in comparison.content["backtest"].items():
-        words = f"CRPS {own['crps']:.4g} K, PICP {own['coverage']:.1%}, held after {own['held']} of {own['origins']}"
-        note = "" if own["passed"] else " (not converged)"
-        say(console, f"{model}, rolling origins: {words}{note}")
-    for model, passed in comparison.content["passed"].items():
-        if not passed:
-            gates = ", ".join(comparison.content["failed_gates"][model]) or "sampling was interrupted"
-            console.print(f"failed a gate: {model} ({gates})", style="bold red", highlight=False, markup=False)
-    console.print(f"recommended: [bold]{escape(comparison.content['recommended'] or 'none')}[/bold]", highlight=False)
-    console.print(comparison.content["reason"], highlight=False, markup=False)
-    say(console, f"page: {comparison.folder / 'comparison.html'}")
-
-
-def print_backtest(found: Backtest, console: Console | None = None) -> None:
-    """In how many origins intervals held, scores by horizon, and where the page is."""
-    console = console or Console()
-    content = found.content
-    style = "green" if content["holds"] else "bold red"
-    words = f"Intervals held after {content['held']} of {len(content['origins'])} origins"
-    console.print(f"\n[{style}]{words}[/{style}]", highlight=False)
-    if worst := content["worst"]:
-        why = worst["why"] or f"of a right prediction {worst['lower']:.1%} or more"
-        inside = f"{worst['coverage']:.1%} inside its interval, {why}"
-        say(console, f"worst: {worst['channel']} after {worst['time']}, {inside}")
-    numbers = ("coverage", "RMSE K", "MPIW K", "CRPS K")
-    table = table_of("All origins and channels, by horizon", ("horizon",), numbers)
-    for row in content["scores"]:
-        if row["origin"] == row["channel"] == ALL and row["samples"]:
-            share = f"{row['coverage']:.1%} ± {row['coverage_error']:.1%}"
-            table.add_row(row["band"], share, *(_number(row[name]) for name in ("rmse", "width", "crps")))
-    console.print(table)
-    if duty := content["duty"]:
-        console.print(f"duty cycles inside their interval: {sum(own['hit'] for own in duty)} of {len(duty)}")
-    if not content["passed"]:
-        console.print("[bold red]The sampling of an origin failed a gate; the page says which.[/bold red]")
-    if content["measured"]:
-        drivers = ", ".join(content["measured"])
-        say(console, f"driven by what was measured after the origin too, so no forecast: {drivers}")
-    say(console, f"page: {found.report}")
 
 
 def _number(value: float | None) -> str:

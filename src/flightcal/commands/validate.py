@@ -29,13 +29,13 @@ def validate(
 
     Example: `flightcal validate scenario.yaml --repeats 200 --out runs/validation`
     """
-    from .display import display, print_validation
+    from .display import display, print_in_short
 
     with display() as progress:
         validation = validate_scenario(
             scenario, out, repeats, workers=workers, telemetry=telemetry, residuals=residuals, progress=progress
         )
-    print_validation(validation)
+    print_in_short(validation.folder, "validation", validation.folder / "validation.html")
     if not validation.passed:
         raise typer.Exit(GATE_FAILED)
 

@@ -64,29 +64,35 @@ def write_backtest(folder: Path, output: Path | None = None) -> Path:
         *([Section("heaters", "Heaters", _heaters(content))] if content["duty"] else []),
         Section("scores", "Scores", _scores(content)),
     ]
-    write_text(output, compose("flightcal backtest", content["name"], folder, "", _findings(content), sections))
+    write_text(output, compose("flightcal backtest", content["name"], folder, "", findings(content), sections))
     return output
 
 
 # --- the verdict --------------------------------------------------------------------------------------------
 
 
-def _findings(content: Record) -> list[Finding]:
-    findings = [_held(content), _inputs(content)]
+def first_tables(content: Record) -> list[Table]:
+    """Scores by horizon, of all origins and channels; none where no sample is scored."""
+    return [_by_horizon(content)] if _seen(content) else []
+
+
+def findings(content: Record) -> list[Finding]:
+    """Whether intervals held, whether these are forecasts, and what stands in doubt."""
+    found = [_held(content), _inputs(content)]
     failed = [own for own in content["origins"] if not own["passed"]]
     if failed:
         details = tuple(f"{_moment(own['origin'])}: {own['failed_gates']}" for own in failed)
         title = f"The sampling failed a gate before {len(failed)} of {len(content['origins'])} origins"
-        findings.append(Finding("warn", title, "Scores of these origins stand among the others.", details))
+        found.append(Finding("warn", title, "Scores of these origins stand among the others.", details))
     bent = [own for own in content["origins"] if own["passed"] and own["failed_gates"]]
     if bent:
         title = f"The response to heat is not linear before {len(bent)} of {len(content['origins'])} origins"
         text = "Take no parameters from these. What is predicted is simulated with its heat, and judged all the same."
-        findings.append(Finding("warn", title, text, tuple(_moment(own["origin"]) for own in bent)))
+        found.append(Finding("warn", title, text, tuple(_moment(own["origin"]) for own in bent)))
     if content["skipped"]:
         text = "The telemetry there does not carry a training and an orbit after it."
-        findings.append(Finding("warn", "No origin in parts of the telemetry", text, tuple(content["skipped"])))
-    return findings
+        found.append(Finding("warn", "No origin in parts of the telemetry", text, tuple(content["skipped"])))
+    return found
 
 
 def _held(content: Record) -> Finding:
@@ -109,6 +115,8 @@ def _held(content: Record) -> Finding:
     wide = sorted({name for own in origins for name in own["too_wide"]})
     if wide:
         details.append(f"Wider than need be: {listed(wide)}.")
+    if duty := content["duty"]:
+        details.append(f"Duty cycles inside their interval: {sum(own['hit'] for own in duty)} of {len(duty)}.")
     return Finding("good" if content["holds"] else "bad", title, text, tuple(details))
 
 
@@ -273,19 +281,27 @@ def _range(own: Record) -> tuple[str, str]:
 # --- by horizon ---------------------------------------------------------------------------------------------
 
 
+def _seen(content: Record) -> list[str]:
+    """Bands of the horizon in which any sample is scored."""
+    return [band for band in content["bands"] if _record(content, ALL, ALL, band)["samples"]]
+
+
+def _by_horizon(content: Record) -> Table:
+    rows = [_row(content, ALL, ALL, band, band) for band in [*_seen(content), ALL]]
+    return Table(("horizon, all channels", *_SCORES), rows, range(1, len(_SCORES) + 1))
+
+
 def _horizon(content: Record) -> list[Block]:
-    seen = [band for band in content["bands"] if _record(content, ALL, ALL, band)["samples"]]
-    if not seen:
+    if not (seen := _seen(content)):
         return [block.note("No sample after an origin is scored.")]
     caption = (
         "All origins together. Left: share of the telemetry inside the interval, with its standard error; dotted: the "
         "interval's probability. Right: CRPS, which is lower the better and the sharper a prediction is."
     )
-    rows = [_row(content, ALL, ALL, band, band) for band in [*seen, ALL]]
     of_channels = [_row(content, ALL, c, band, f"{c}, {band}") for c in content["channels"] for band in seen]
     return [
         block.figure(figure_horizon(content, seen), caption, wide=True),
-        block.table(Table(("horizon, all channels", *_SCORES), rows, range(1, len(_SCORES) + 1))),
+        block.table(_by_horizon(content)),
         block.folded(
             "By channel and horizon", Table(("channel, horizon", *_SCORES), of_channels, range(1, len(_SCORES) + 1))
         ),

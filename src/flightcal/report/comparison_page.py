@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..run import write_text
@@ -43,11 +44,17 @@ def write_comparison(folder: Path) -> Path:
     ]
     if content.get("left_out"):
         sections.append(Section("windows", "Training windows left out", _left_out(content)))
-    write_text(output, compose("flightcal compare", content["name"], folder, "", _findings(content), sections))
+    write_text(output, compose("flightcal compare", content["name"], folder, "", findings(content), sections))
     return output
 
 
-def _findings(content: Record) -> list[Finding]:
+def first_tables(content: Record) -> list[Table]:
+    """Scores of the models: over rolling origins, where there are any, and over unseen windows."""
+    return [*([_rolling(content)] if content["backtest"] else []), _means(content)]
+
+
+def findings(content: Record) -> list[Finding]:
+    """What is recommended, and which models are not to be used."""
     recommended = content["recommended"]
     share = None if recommended is None else content["means"][recommended]["picp"]
     right = share is not None and _covers(share, content["interval"])
@@ -56,20 +63,28 @@ def _findings(content: Record) -> list[Finding]:
     title = "No model is recommended"
     if recommended is not None:
         title = f"Recommended: {recommended}, {WORDS[recommended]}"
-    findings = [Finding("good" if right else "warn", title, content["reason"])]
+    found = [Finding("good" if right else "warn", title, content["reason"], tuple(_least_covered(content)))]
     failed = [model for model, passed in content["passed"].items() if not passed]
     if failed:
         gates = content.get("failed_gates", {})
         details = tuple(f"{model}: {', '.join(gates[model])}" for model in failed if gates.get(model))
         words = "See their own reports before using their scores."
-        findings.append(Finding("warn", f"Not converged: {', '.join(failed)}", words, details))
+        found.append(Finding("warn", f"Not converged: {', '.join(failed)}", words, details))
     if content["useless"]:
         title = f"Not to be used, by their own verdict: {', '.join(content['useless'])}"
-        findings.append(Finding("warn", title, "Their own pages say why."))
-    return findings
+        found.append(Finding("warn", title, "Their own pages say why."))
+    return found
 
 
-def _backtest(content: Record) -> list[Block]:
+def _least_covered(content: Record) -> Iterator[str]:
+    """Of each model, the channel of which least lies inside its interval."""
+    for model in content["means"]:
+        rows = [own for own in content["scores"] if own["model"] == model and own["channel"] != "all"]
+        if worst := min((own for own in rows if own["picp"] is not None), key=lambda own: own["picp"], default=None):
+            yield f"{model} covers least: {percent(worst['picp'])} of {worst['channel']} in “{worst['window']}”."
+
+
+def _rolling(content: Record) -> Table:
     best = min(own["crps"] for own in content["backtest"].values())
     rows = [
         [
@@ -81,8 +96,12 @@ def _backtest(content: Record) -> list[Block]:
         for model, own in content["backtest"].items()
     ]  # fmt: skip
     header = ("model", "CRPS, K", "PICP", "origins after which it held", "RMSE, K", "MPIW, K", "converged")
+    return Table(header, rows, range(1, len(header) - 1))
+
+
+def _backtest(content: Record) -> list[Block]:
     return [
-        block.table(Table(header, rows, range(1, len(header) - 1))),
+        block.table(_rolling(content)),
         block.text(
             "Each model is trained up to several origins all over the telemetry and predicts what follows. That is "
             "more telemetry than a few windows have, so models are ranked by it. Each has a report in its own folder."
@@ -90,7 +109,7 @@ def _backtest(content: Record) -> list[Block]:
     ]
 
 
-def _scores(content: Record) -> list[Block]:
+def _means(content: Record) -> Table:
     best = {}
     for metric, (_, _, more) in SCORES.items():
         known = [value for means in content["means"].values() if (value := means[metric]) is not None]
@@ -103,9 +122,14 @@ def _scores(content: Record) -> list[Block]:
             is_best = value is not None and value == best[metric]
             cells.append(Cell(_shown(metric, value), "bad" if off else "good" if is_best else ""))
         rows.append(cells)
-    header, share = ("model", *(title for title, _, _ in SCORES.values())), f"{100 * content['interval']:g}%"
+    header = ("model", *(title for title, _, _ in SCORES.values()))
+    return Table(header, rows, range(1, len(header)))
+
+
+def _scores(content: Record) -> list[Block]:
+    share = f"{100 * content['interval']:g}%"
     return [
-        block.table(Table(header, rows, range(1, len(header)))),
+        block.table(_means(content)),
         block.text(
             "Means over the windows that the calibration has not seen, of all channels together; the best of each "
             f"score is set off. PICP: share of telemetry inside the {share} interval, to be near {share}; MPIW: its "

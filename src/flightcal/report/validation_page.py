@@ -30,9 +30,19 @@ def write_validation(folder: Path) -> Path:
     """Writes validation.html from the validation.json in `folder`. Raises RunError where that is not there."""
     content = read_content(folder, "validation")
     output = folder / "validation.html"
-    findings, sections = [_uniform(content), _sampler(content)], [_ranks(content), _contraction(content)]
-    write_text(output, compose("flightcal validate", content["name"], folder, "", findings, sections))
+    sections = [_ranks(content), _contraction(content)]
+    write_text(output, compose("flightcal validate", content["name"], folder, "", findings(content), sections))
     return output
+
+
+def first_tables(content: Record) -> list[Table]:
+    """Ranks, coverage and contraction of each quantity."""
+    return [_table(content)]
+
+
+def findings(content: Record) -> list[Finding]:
+    """Whether posteriors cover what made the telemetry, and whether the sampling passed its gates."""
+    return [_uniform(content), _sampler(content)]
 
 
 def _uniform(content: Record) -> Finding:

@@ -21,4 +21,4 @@ from .reliability import (
 )
 from .repeats import Validation, judge_repeats, prepared, run_repeats, short
 from .residuals import SIGNIFICANCE, ResidualCheck, autocorrelation, check_window, effective_samples, nominal_spacing
-from .simulation_based import INTERVALS, Band, ecdf, ecdf_band, joint
+from .simulation_based import Band, ecdf, ecdf_band, joint
