@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from flightcal.calibration import Calibrated
 from flightcal.cli import USER_ERROR, app
-from flightcal.commands.diff import _named, differences, in_deviations, in_unit_of
+from flightcal.commands.diff import _named, changed_files, differences, in_deviations, in_unit_of
 from tests import small
 from tests.commands.kept_run import cells_of, change, write_kept
 
@@ -50,7 +50,7 @@ def test_what_differs_is_told(tmp_path):
     assert "Scenarios: 3 differences" in output
     assert "  simulator.nodes.body.capacity: 3000 J/K -> 3100 J/K\n" in output
     assert "  heat: none -> default\n" in output
-    assert "  content of the input files\n" in output
+    assert "  content of telemetry.csv\n" in output
     assert rows_of(output, "link")[0][-1] == "+3.5"  # 0.15 over 0.03 and the root of two
     assert rows_of(output, "extra") == [["extra, W/K", "-", "0.100 [0.0400, 0.160]", "-"]]
     assert ["test", "rmse", "K", "0.65", "0.8"] in rows_of(output, "rmse")
@@ -122,3 +122,10 @@ def test_differences_are_found_where_they_are():
     assert list(differences(one, two)) == [
         ("a.b[1]", 2, 3), ("a.c", [1], [1, 2]), ("d", 1, None), ("e", None, 1)
     ]  # fmt: skip
+
+
+def test_a_file_that_was_only_moved_is_no_difference_and_one_that_is_not_in_both_is():
+    one = {"a/telemetry.csv": "1", "a/orbit.tle": "2", "a/modes.csv": "3"}
+    two = {"b/telemetry.csv": "1", "b/orbit.tle": "4"}
+    assert changed_files(one, two) == ["modes.csv", "orbit.tle"]
+    assert changed_files(one, {f"moved/{name}": own for name, own in one.items()}) == []

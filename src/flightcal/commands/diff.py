@@ -83,6 +83,13 @@ def differences(one: Any, two: Any, place: str = "") -> Iterator[tuple[str, Any,
         yield place, one, two
 
 
+def changed_files(one: Mapping[str, str], two: Mapping[str, str]) -> list[str]:
+    """Names of the files that are not in both with the same content. one, two: hashes by path."""
+    only = set(one.values()) ^ set(two.values())
+    found = sorted({*one.items(), *two.items()})
+    return list(dict.fromkeys(Path(path).name for path, content in found if content in only))
+
+
 def in_terms_of(one: Kept, two: Kept, own: Calibrated) -> Calibrated:
     """A quantity of the second run as one of the first: a factor is one of the first run's numbers."""
     from ..scenario import number_in
@@ -133,9 +140,8 @@ def _print_answers(one: Kept, two: Kept, console: Console) -> None:
 def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> None:
     left, right = (_compared(run.scenario) for run in (one, two))
     found = sorted(differences(left, right), key=lambda item: _weight(item[0]))
-    same_data = sorted(one.provenance.get("inputs", {}).values()) == sorted(two.provenance.get("inputs", {}).values())
-    if not same_data:
-        found.append(("content of the input files", "", ""))
+    if changed := changed_files(one.provenance.get("inputs", {}), two.provenance.get("inputs", {})):
+        found.append((f"content of {', '.join(changed)}", "", ""))
     console.print(f"\nScenarios: {f'{len(found)} differences' if found else 'the same'}", highlight=False)
     for place, own, other in found if every else found[:_FEW]:
         say(console, f"  {place}: {_short(own)} -> {_short(other)}" if (own, other) != ("", "") else f"  {place}")
