@@ -34,9 +34,16 @@ def drifting():
     return content
 
 
-@pytest.fixture(scope="module", params=["shared", "drifting"])
+def ageing(content):
+    """The parameter `link` has a trend: of 0.6 of its prior's deviations from the first window to the second."""
+    content["parameters"]["link"]["trend"] = 2000.0
+    return content
+
+
+@pytest.fixture(scope="module", params=["shared", "drifting", "ageing", "both"])
 def joint(request, tmp_path_factory):
-    content = written() if request.param == "shared" else drifting()
+    content = drifting() if request.param in ("drifting", "both") else written()
+    content = ageing(content) if request.param in ("ageing", "both") else content
     return build_problem(*small.closed_loop(tmp_path_factory.mktemp("joint"), content))
 
 
@@ -47,9 +54,10 @@ def points(joint, count=3):
 
 
 def test_windows_share_parameters_and_noise_and_have_initial_temperatures_of_their_own(joint):
+    trend = ("trend.link",) if "trend.link" in joint.names else ()
     drift = ("drift.link", "drift.link.first", "drift.link.second") if "drift.link" in joint.names else ()
     initial = [f"initial.{window}.{node}" for window in ("first", "second") for node in ("body", "panel")]
-    assert joint.names == ("link", "panel_size", "power", "noise.body_temp", *drift, *initial)
+    assert joint.names == ("link", "panel_size", "power", "noise.body_temp", *trend, *drift, *initial)
     assert [window.observed.shape for window in joint.windows] == [(90, 2), (70, 2)]
 
 
@@ -298,12 +306,28 @@ def test_a_drifting_parameter_is_the_common_one_moved_on_its_normal_scale(tmp_pa
     np.testing.assert_array_equal(joint.at(unseen, theta[None])[0, initial], medians)
 
 
+def test_a_trend_goes_on_from_the_middle_of_all_windows_to_one_that_is_not_trained_on(tmp_path):
+    joint = build_problem(*small.closed_loop(tmp_path, ageing(written())))
+    theta = joint.priors.median()
+    rate = 1500.0
+    place = {name: k for k, name in enumerate(joint.names)}
+    theta[[place["link"], place["trend.link"]]] = 0.7, rate
+    unseen = build_window(joint.scenario, joint_data(joint, tmp_path), "test.1")
+    middles = [own.start + np.timedelta64(round(500 * own.duration), "ms") for own in (*joint.windows, unseen)]
+    hours = (np.array(middles) - middles[0]) / np.timedelta64(1, "h")
+    # Of a lognormal prior with a factor of 1.3.
+    expected = 0.7 * 1.3 ** (rate * (hours - hours[:2].mean()) / (365.25 * 24.0))
+    np.testing.assert_allclose(joint.window_values(theta)["link"], expected[:2], rtol=1e-9)
+    assert joint.at(unseen, theta[None])[0, 0] == pytest.approx(expected[2], rel=1e-9)
+    assert abs(expected[2] / expected[1] - 1.0) > 0.01
+
+
 def test_the_posterior_tree_holds_the_values_of_drifting_parameters_by_window(joint):
     z = points(joint, 6).reshape(2, 3, -1)
     theta = joint.to_theta(z)
     sampled = SimpleNamespace(z=z, statistics={}, interrupted=False)
     tree = posterior_tree(joint, Posterior(joint.names, theta, sampled, (), None, joint), seed=1)
-    if "drift.link" not in joint.names:
+    if {"drift.link", "trend.link"}.isdisjoint(joint.names):
         assert "windows" not in tree.children
         return
     found = tree["windows"].to_dataset()

@@ -119,8 +119,8 @@ def _status_forms(problem: Problem) -> dict[str, str]:
     return {name: "switch times" if form.switch_times else "duty cycle" for name, form in forms.items()}
 
 
-def _drifting(problem: Problem, theta: FloatArray) -> xarray.Dataset | None:
-    """What the parameters that drift are in each window, at draws [chain, draw, d]; None: there are none."""
+def _by_window(problem: Problem, theta: FloatArray) -> xarray.Dataset | None:
+    """What the parameters that move are in each window, at draws [chain, draw, d]; None: there are none."""
     values = problem.window_values(theta)
     labels = [window.label for window in problem.windows]
     dims = ("chain", "draw", "window")
@@ -142,7 +142,7 @@ def posterior_tree(
     """The posterior in ArviZ's groups: posterior, sample_stats, prior, posterior_predictive, observed_data.
 
     Where there is a discrepancy, also that: what it is on the window, and how far parameters stand in for it. Where
-    parameters drift from window to window, `windows`: what they are in each.
+    parameters are not the same in all windows, `windows`: what they are in each.
     """
     rng = np.random.default_rng(seed)
     names, channels = posterior.names, list(problem.channels)
@@ -165,7 +165,7 @@ def posterior_tree(
     samples = {"time": times, "channel": channels}
     groups = {
         "discrepancy": confounding(problem, thetas, runs),
-        "windows": _drifting(problem, posterior.theta),
+        "windows": _by_window(problem, posterior.theta),
         "posterior": labelled(_variables(names, posterior.theta), _words(problem)),
         "sample_stats": labelled(
             xarray.Dataset({name: (by_draw, values) for name, values in posterior.draws.statistics.items()}),

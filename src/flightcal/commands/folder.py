@@ -89,6 +89,10 @@ def _bound(scenario: Scenario) -> dict[str, Any]:
         del packet["file"]
     for channel in content["telemetry"]["channels"].values():
         del channel["limits"]
+    for parameter in content["parameters"].values():
+        # Runs from before there were trends stay what they are.
+        if parameter["trend"] is None:
+            del parameter["trend"]
     return content
 
 

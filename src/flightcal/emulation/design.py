@@ -137,7 +137,7 @@ def thetas_of(problem: Problem, runs: Runs) -> FloatArray:
     thetas = np.tile(problem.priors.median(), (len(runs[0]), 1))
     for window, own, found in zip(problem.windows, problem.links, runs, strict=True):
         thetas[:, own.columns[window.simulated]] = found.theta
-    drifting = problem.links[0].columns[problem.links[0].drifting]
+    drifting = problem.links[0].columns[problem.links[0].moving]
     if len(drifting):
         priors, names = problem.links[0].priors, runs[0].parameters
         places = [names.index(name) for name in priors.names]
@@ -145,5 +145,6 @@ def thetas_of(problem: Problem, runs: Runs) -> FloatArray:
         common = np.mean(values, axis=0)
         thetas[:, drifting] = priors.to_theta(common)
         for own, inside in zip(problem.links, values, strict=True):
-            thetas[:, own.score] = (inside - common) / thetas[:, own.deviation]
+            # A simulator that is emulated has no trends, so each parameter has one term.
+            thetas[:, own.moves.score] = (inside - common) / thetas[:, own.moves.factor]
     return thetas

@@ -1,21 +1,21 @@
 """Theta: what is uncertain in a calibration, entry by entry, and where each window's own theta comes from.
 
 Theta is ordered: the scenario's parameters; ``telemetry.time_error`` (s); noise, discrepancy and status;
-``drift.<parameter>`` and ``drift.<parameter>.<window>`` where a parameter drifts; ``initial.<node>`` (K), with several
-windows to train on ``initial.<window>.<node>``.
+``trend.<parameter>`` where a parameter has a trend; ``drift.<parameter>`` and ``drift.<parameter>.<window>`` where one
+drifts; ``initial.<node>`` (K), with several windows to train on ``initial.<window>.<node>``.
 
-A parameter that drifts has, in window w, the unconstrained value z + tau xi_w: z is the common one, tau
-(``drift.<parameter>``) the standard deviation between windows and xi_w (``drift.<parameter>.<window>``, standard
-normal) how far this window is off. That is z_w ~ N(z, tau^2), non-centred (Papaspiliopoulos et al. 2007, Statistical
-Science 22, 59-73), so that a small tau makes no funnel.
+A parameter that moves has, in window w, the unconstrained value z + r t_w + tau xi_w. z is the common one. r
+(``trend.<parameter>``) is the change in a year, and t_w is by how many years the middle of the window is after the mean
+of those of all windows to train on. tau (``drift.<parameter>``) is the standard deviation between windows, and xi_w
+(``drift.<parameter>.<window>``, standard normal) how far this window is off. That is z_w ~ N(z + r t_w, tau^2),
+non-centred (Papaspiliopoulos et al. 2007, Statistical Science 22, 59-73), so that a small tau makes no funnel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from ..simulator import TIME_ERROR, FloatArray, IntArray
 from .window import Window
 
 Kind = Literal["parameter", "noise", "discrepancy", "heat", "timing", "error_rate", "time", "initial", "drift"]
+
+_YEAR = 365.25 * 86400.0
+"""s."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,8 @@ class Entry:
             return "error of all time tags: readings are of so much later"
         if self.kind == "initial":
             return f"initial temperature of {rest}"
+        if self.kind == "drift" and first == "trend":
+            return f"change of {rest} in a year, in standard deviations of its prior"
         if self.kind == "drift":
             between = f"deviation of {rest} between windows"
             return between if self.window is None else f"how far {rest} is off in its window, in deviations"
@@ -82,14 +87,20 @@ def entries_of(scenario: Scenario, windows: Sequence[Window]) -> tuple[Entry, ..
                 initial.append(Entry(own, "K", prior, "initial", window=window.name))
             elif name not in shared:
                 shared[name] = _entry(scenario, name, prior)
-    drifts = []
-    for name in drifting_parameters(scenario):
-        scale = scenario.parameters[name].drift or 1.0
-        drifts.append(Entry(f"drift.{name}", "", HalfNormal(scale=scale), "drift"))
+    moving = [entry for name in moving_parameters(scenario) for entry in _moving(scenario, name, windows)]
+    return (*shared.values(), *moving, *initial)
+
+
+def _moving(scenario: Scenario, name: str, windows: Sequence[Window]) -> Iterator[Entry]:
+    """What moves a parameter from window to window."""
+    parameter = scenario.parameters[name]
+    if parameter.trend is not None:
+        yield Entry(f"trend.{name}", "", Normal(mean=0.0, standard_deviation=parameter.trend), "drift")
+    if parameter.drift is not None:
+        yield Entry(f"drift.{name}", "", HalfNormal(scale=parameter.drift), "drift")
         for window in windows:
             standard = Normal(mean=0.0, standard_deviation=1.0)
-            drifts.append(Entry(f"drift.{name}.{window.label}", "", standard, "drift", window=window.name))
-    return (*shared.values(), *drifts, *initial)
+            yield Entry(f"drift.{name}.{window.label}", "", standard, "drift", window=window.name)
 
 
 def _entry(scenario: Scenario, name: str, prior: Prior) -> Entry:
@@ -107,9 +118,9 @@ def _entry(scenario: Scenario, name: str, prior: Prior) -> Entry:
     return Entry(name, "s" if in_seconds else "" if none else "K", prior, kind)  # type: ignore[arg-type]
 
 
-def drifting_parameters(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the parameters that drift from window to window."""
-    return tuple(name for name, parameter in scenario.parameters.items() if parameter.drift is not None)
+def moving_parameters(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the parameters that are not the same in all windows."""
+    return tuple(name for name, parameter in scenario.parameters.items() if parameter.moves)
 
 
 def _initial_name(name: str, window: Window, windows: int) -> str:
@@ -119,42 +130,67 @@ def _initial_name(name: str, window: Window, windows: int) -> str:
 # --- from theta to a window's own -----------------------------------------------------------------------------------
 
 
+class Moves(NamedTuple):
+    """What moves parameters in a window, term by term [t]: a number of theta times a score, or times so many years."""
+
+    parameter: IntArray
+    """Which of the parameters that move."""
+    factor: IntArray
+    """Position in d of tau, or of the change in a year."""
+    score: IntArray
+    """And of xi; -1: none, as of a trend, or of a drift in a window that is not calibrated on."""
+    by: FloatArray
+    """Years; NaN of a drift."""
+
+    def at(self, z: FloatArray, thetas: FloatArray) -> FloatArray:
+        """How far each term moves its parameter [..., t] at z [..., d], which are thetas [..., d]; NaN: not known."""
+        return np.asarray(thetas[..., self.factor] * self._times(z))
+
+    def _times(self, z: FloatArray) -> FloatArray:
+        return np.where(self.score >= 0, z[..., self.score], self.by)
+
+    def derivative(self, z: FloatArray, prior: PriorTerms, parameters: int) -> FloatArray:
+        """Of what moves each of so many parameters by z [d], [p, d]."""
+        derivative, own = np.zeros((parameters, len(z))), self.score >= 0
+        np.add.at(derivative, (self.parameter, self.factor), prior.slope[self.factor] * self._times(z))
+        np.add.at(derivative, (self.parameter[own], self.score[own]), prior.theta[self.factor[own]])
+        return derivative
+
+
 @dataclass(frozen=True)
 class Link:
     """Where the entries of a window's theta [q] come from among those [d] of a calibration."""
 
     columns: IntArray
     """[q] position of each; -1: none, as of the initial temperatures of a window that is not calibrated on."""
-    drifting: IntArray
-    """[p] positions in q of the parameters that drift,"""
-    deviation: IntArray
-    """[p] and in d of tau,"""
-    score: IntArray
-    """[p] and of xi; -1: the window has none of its own."""
+    moving: IntArray
+    """[p] positions in q of the parameters that move,"""
+    moves: Moves
+    """and what moves them."""
     priors: Priors
-    """[p] of the parameters that drift: how theirs come from unconstrained values."""
+    """[p] of the parameters that move: how theirs come from unconstrained values."""
     medians: FloatArray
     """[q] of the window's own priors: for what comes from nowhere."""
 
-    @cached_property
-    def drifts(self) -> tuple[IntArray, IntArray]:
-        """Positions in d of each entry's tau and xi [q]; -1: it does not drift."""
-        found = np.full((2, len(self.columns)), -1)
-        found[:, self.drifting] = self.deviation, self.score
-        return found[0], found[1]
+    def _moved(self, z: FloatArray, moves: FloatArray) -> FloatArray:
+        """[..., p] z of the parameters that move, from that of all windows and what moves them [..., t]."""
+        moved = np.array(z[..., self.columns[self.moving]])
+        for k, parameter in enumerate(self.moves.parameter):
+            moved[..., parameter] += moves[..., k]
+        return moved
 
     def at(self, z: FloatArray, prior: PriorTerms) -> PriorTerms:
         """The window's theta [q] and its slopes by its own coordinates, at z [d] where the priors are `prior`."""
         theta, slope = prior.theta[self.columns], prior.slope[self.columns]
-        if len(self.drifting):
-            moved = self.priors.at(z[self.columns[self.drifting]] + prior.theta[self.deviation] * z[self.score])
-            theta[self.drifting], slope[self.drifting] = moved.theta, moved.slope
+        if len(self.moving):
+            moved = self.priors.at(self._moved(z, self.moves.at(z, prior.theta)))
+            theta[self.moving], slope[self.moving] = moved.theta, moved.slope
         return PriorTerms(theta, slope, prior.log_density, prior.gradient)
 
     def coordinates(self, z: FloatArray, thetas: FloatArray) -> FloatArray:
         """The window's own coordinates [..., q] at z [..., d], which are thetas [..., d]."""
         inside = z[..., self.columns]
-        inside[..., self.drifting] += thetas[..., self.deviation] * z[..., self.score]
+        inside[..., self.moving] = self._moved(z, self.moves.at(z, thetas))
         return inside
 
     def pull_back(self, z: FloatArray, prior: PriorTerms, inside_bar: FloatArray) -> FloatArray:
@@ -165,26 +201,23 @@ class Link:
         """Of the window's coordinates by z [d], [q, d]."""
         derivative = np.zeros((len(self.columns), len(z)))
         derivative[np.arange(len(self.columns)), self.columns] = 1.0
-        derivative[self.drifting, self.score] = prior.theta[self.deviation]
-        derivative[self.drifting, self.deviation] = z[self.score] * prior.slope[self.deviation]
+        derivative[self.moving] += self.moves.derivative(z, prior, len(self.moving))
         return derivative
 
     def thetas(self, thetas: FloatArray, priors: Priors, rng: np.random.Generator | None) -> FloatArray:
         """Thetas of the window [..., q] from those [..., d] of a calibration with `priors`.
 
         What comes from nowhere is at its median; a parameter that drifts is drawn anew around the common value where
-        the window has no score (rng; None: it is the common value).
+        the window has no score (rng; None: it is the common value). A trend goes on.
         """
         inside = np.where(self.columns < 0, self.medians, thetas[..., self.columns])
-        if len(self.drifting):
+        if len(self.moving):
             z = priors.to_z(thetas)
-            own: FloatArray = z[..., self.columns[self.drifting]]
-            for k, (deviation, score) in enumerate(zip(self.deviation, self.score, strict=True)):
-                if score >= 0:
-                    own[..., k] += thetas[..., deviation] * z[..., score]
-                elif rng is not None:
-                    own[..., k] += thetas[..., deviation] * rng.standard_normal(z.shape[:-1])
-            inside[..., self.drifting] = self.priors.to_theta(own)
+            moves = self.moves.at(z, thetas)
+            for k in np.flatnonzero((self.moves.score < 0) & np.isnan(self.moves.by)):
+                score = 0.0 if rng is None else rng.standard_normal(z.shape[:-1])
+                moves[..., k] = thetas[..., self.moves.factor[k]] * score
+            inside[..., self.moving] = self.priors.to_theta(self._moved(z, moves))
         return inside
 
 
@@ -198,14 +231,32 @@ def link(entries: Sequence[Entry], windows: Sequence[Window], window: Window) ->
             return place.get(name, -1)
         return place.get(_initial_name(name, window, len(windows)), -1) if among else -1
 
-    drifting = [name for name in drifting_parameters(window.scenario) if f"drift.{name}" in place]
     columns = np.array([column(name) for name in window.names], dtype=np.int64)
-    positions = np.array([window.names.index(name) for name in drifting], dtype=np.int64)
+    moving = [name for name in moving_parameters(window.scenario) if not place.keys().isdisjoint(_factors(name))]
+    positions = np.array([window.names.index(name) for name in moving], dtype=np.int64)
+    years, terms = _years_after(windows, window), []
+    for k, name in enumerate(moving):
+        trend, drift = _factors(name)
+        if trend in place:
+            terms.append((k, place[trend], -1, years))
+        if drift in place:
+            terms.append((k, place[drift], place.get(f"{drift}.{window.label}", -1), np.nan))
+    parameter, factor, score = np.array([own[:3] for own in terms], np.int64).reshape(-1, 3).T.copy()
     return Link(
         columns,
         positions,
-        np.array([place[f"drift.{name}"] for name in drifting], dtype=np.int64),
-        np.array([place.get(f"drift.{name}.{window.label}", -1) for name in drifting], dtype=np.int64),
-        Priors(tuple(drifting), tuple(entries[k].prior for k in columns[positions])),
+        Moves(parameter, factor, score, np.array([own[3] for own in terms], float)),
+        Priors(tuple(moving), tuple(entries[k].prior for k in columns[positions])),
         Priors(window.names, tuple(window.reads.values())).median(),
     )
+
+
+def _factors(parameter: str) -> tuple[str, str]:
+    """Names of the entries that say how fast and how far a parameter moves."""
+    return f"trend.{parameter}", f"drift.{parameter}"
+
+
+def _years_after(windows: Sequence[Window], window: Window) -> float:
+    """Years from the mean of the middles of windows to the middle of another."""
+    seconds = [(own.start - window.start) / np.timedelta64(1, "ns") * 1e-9 + 0.5 * own.duration for own in windows]
+    return float(0.5 * window.duration - np.mean(seconds)) / _YEAR

@@ -41,9 +41,9 @@ from .kernels.density import (
     Place,
     begin,
     density,
-    drift,
     end,
     gather,
+    move,
     record,
     scatter,
 )
@@ -188,17 +188,17 @@ class _Window:
             outputs.status[0], calls.switches_bar, values[1:2],
         )  # fmt: skip
         self.status = (switching.row(of_status),) if status is not None else ()
-        columns, deviation, score = _places(link.columns, *link.drifts)
-        drifting = link.drifting
-        z, theta, slope, unused = np.empty((4, 1, len(drifting)))
-        window_theta, window_slope = np.empty((2, len(columns)))
+        moving = link.moving
+        z, theta, slope, unused = np.empty((4, 1, len(moving)))
+        window_theta, window_slope = np.empty((2, len(link.columns)))
         linked = LinkCall._make([
-            place, columns, deviation, score, drifting, z, theta, slope, window_theta, window_slope,
+            place, *_places(link.columns, *link.moves[:3]), link.moves.by, *_places(moving),
+            z, theta, slope, window_theta, window_slope,
             *_places(window.simulated), calls.thetas, calls.theta_bar,
             *_places(*window.written.sets.T), np.array(window.written.values), numbers, numbers_bar,
         ])  # fmt: skip
-        drifted = (drift.row(linked), link.priors.row(z, theta, slope, unused, np.empty(1))) if len(drifting) else ()
-        self.forward = (*drifted, gather.row(linked), *calls.forward)
+        moved = (move.row(linked), link.priors.row(z, theta, slope, unused, np.empty(1))) if len(moving) else ()
+        self.forward = (*moved, gather.row(linked), *calls.forward)
         self.backward = (*calls.backward, scatter.row(linked))
 
 

@@ -29,7 +29,7 @@ from ..probability import (
 from ..scenario import Scenario
 from ..simulator import FloatArray, IntArray, SimulationFailure, Trajectory
 from .coordinates import Whitening, whitening
-from .entries import Entry, Link, drifting_parameters, link
+from .entries import Entry, Link, link, moving_parameters
 from .heat_model import HeatModel
 from .native import NativeDensity, native_density
 from .window import Window
@@ -473,8 +473,8 @@ class Problem:
     # --- what drifts --------------------------------------------------------------------------------------------
 
     def window_values(self, thetas: FloatArray) -> dict[str, FloatArray]:
-        """What the drifting parameters are in each window [..., window], at thetas [..., d]."""
-        names = drifting_parameters(self.scenario)
+        """What the parameters that move are in each window [..., window], at thetas [..., d]."""
+        names = moving_parameters(self.scenario)
         if not names:
             return {}
         inside = [(window, self.at(window, thetas)) for window in self.windows]

@@ -138,12 +138,12 @@ def threshold_parameters(scenario: Scenario) -> tuple[str, ...]:
 def thermostats_act(scenario: Scenario) -> bool:
     """Whether thermostats act in training beside unmodelled heat: temperatures alone tell of a threshold.
 
-    That of a heater without a status; of a parameter that sets other numbers too, or drifts.
+    That of a heater without a status; of a parameter that sets other numbers too, or is not always the same.
     """
     switches = scenario.network.switches
     unseen = any(switches[name].measured_by is None for name in uncertain_thermostats(scenario) if name in switches)
     others = [scenario.parameters[name] for name in threshold_parameters(scenario)]
-    return unseen or any(own.drift is not None or not all(map(_is_threshold, own.targets)) for own in others)
+    return unseen or any(own.moves or not all(map(_is_threshold, own.targets)) for own in others)
 
 
 def _is_threshold(path: str) -> bool:

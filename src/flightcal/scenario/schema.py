@@ -89,6 +89,15 @@ class Parameter(Block):
     """It differs between the windows of a calibration on several: scale of the half-normal prior of the standard
     deviation between them, in standard deviations of the parameter's own prior. null: it does not."""
 
+    trend: Annotated[Number, Field(gt=0)] | None = None
+    """It changes steadily, as a coating that ages: deviation of the normal prior of its change in a year, in standard
+    deviations of the parameter's own prior. It is the same within a window. null: it does not."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not the same in all windows."""
+        return self.drift is not None or self.trend is not None
+
     @property
     def targets(self) -> tuple[str, ...]:
         """Dotted paths of all that it sets or scales."""

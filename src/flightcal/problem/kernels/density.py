@@ -84,16 +84,20 @@ class LinkCall(NamedTuple):
     place: Place
     columns: Any
     """[m] places in the problem's theta."""
-    deviation: Any
-    """[m] and of a drifting entry's tau,"""
+    parameter: Any
+    """[t] which of the entries that move a term moves,"""
+    factor: Any
+    """[t] place of its factor in the problem's theta,"""
     score: Any
-    """[m] and xi; -1: it does not drift."""
-    drifting: Any
-    """[p] entries that drift, and of these, after the priors' transform:"""
-    drifting_z: Any
+    """[t] and of what it is multiplied by; -1: that is"""
+    by: Any
+    """[t] this number."""
+    moving: Any
+    """[p] entries that move, and of these, after the priors' transform:"""
+    moving_z: Any
     """[1, p] and the next two."""
-    drifting_theta: Any
-    drifting_slope: Any
+    moving_theta: Any
+    moving_slope: Any
     theta: Any
     """[m] filled, and its derivative by z."""
     slope: Any
@@ -113,16 +117,27 @@ class LinkCall(NamedTuple):
 
 
 @kernel
-def drift(call):
-    """z of what drifts: that of all windows, and tau xi."""
+def move(call):
+    """z of what moves: that of all windows, and what its terms add."""
     z, theta = call.place.z, call.place.theta
-    for k in range(call.drifting.shape[0]):
-        i = call.drifting[k]
+    for k in range(call.moving.shape[0]):
+        place = call.columns[call.moving[k]]
         # The common value is not seen again where the window's own takes its place.
-        if not (np.isfinite(theta[0, call.columns[i]]) and np.isfinite(theta[0, call.deviation[i]])):
+        if not np.isfinite(theta[0, place]):
             return DENSITY_NOT_FINITE
-        call.drifting_z[0, k] = z[0, call.columns[i]] + theta[0, call.deviation[i]] * z[0, call.score[i]]
+        call.moving_z[0, k] = z[0, place]
+    for t in range(call.parameter.shape[0]):
+        factor = theta[0, call.factor[t]]
+        if not np.isfinite(factor):
+            return DENSITY_NOT_FINITE
+        call.moving_z[0, call.parameter[t]] += factor * _times(call, t)
     return 0
+
+
+@inlined
+def _times(call, t):
+    """What the factor of a term is multiplied by."""
+    return call.place.z[0, call.score[t]] if call.score[t] >= 0 else call.by[t]
 
 
 @kernel
@@ -134,9 +149,9 @@ def gather(call):
             return DENSITY_NOT_FINITE
     for i in range(call.columns.shape[0]):
         theta[i], slope[i] = all_theta[0, call.columns[i]], all_slope[0, call.columns[i]]
-    for k in range(call.drifting.shape[0]):
-        i = call.drifting[k]
-        theta[i], slope[i] = call.drifting_theta[0, k], call.drifting_slope[0, k]
+    for k in range(call.moving.shape[0]):
+        i = call.moving[k]
+        theta[i], slope[i] = call.moving_theta[0, k], call.moving_slope[0, k]
     for i in range(theta.shape[0]):
         if not np.isfinite(theta[i]):
             return DENSITY_NOT_FINITE
@@ -165,10 +180,12 @@ def _add(call, i, theta_bar):
     place = call.place
     cotangent = call.slope[i] * theta_bar
     place.z_bar[0, call.columns[i]] += cotangent
-    if call.score[i] >= 0:
-        tau, xi = call.deviation[i], call.score[i]
-        place.z_bar[0, xi] += cotangent * place.theta[0, tau]
-        place.z_bar[0, tau] += cotangent * place.z[0, xi] * place.slope[0, tau]
+    for t in range(call.parameter.shape[0]):
+        if call.moving[call.parameter[t]] == i:
+            factor = call.factor[t]
+            place.z_bar[0, factor] += cotangent * _times(call, t) * place.slope[0, factor]
+            if call.score[t] >= 0:
+                place.z_bar[0, call.score[t]] += cotangent * place.theta[0, factor]
 
 
 # --- what nutpie calls ------------------------------------------------------------------------------------------

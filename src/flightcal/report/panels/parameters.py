@@ -50,8 +50,9 @@ def panel(run: RunFiles) -> list[Block]:
     of_windows = window_values(run)
     if of_windows.rows:
         words = (
-            "These parameters may differ between the training windows. “Common” is the centre around which they do; "
-            "on a window that was not trained on, a value is drawn anew around it with the deviation drift.<parameter>."
+            "These parameters may differ between the training windows. “Common” is the centre around which they do, "
+            "with a trend in the middle of all windows. On a window that was not trained on a trend goes on, and a "
+            "value that drifts is drawn anew with the deviation drift.<parameter>."
         )
         blocks += [block.heading("Values by window"), block.text(words), block.table(of_windows)]
     return blocks
@@ -199,7 +200,7 @@ def footing(run: RunFiles) -> Table:
 
 
 def window_values(run: RunFiles) -> Table:
-    """What the parameters that drift are in each training window, beside the common value."""
+    """What the parameters that are not the same in all training windows are in each, beside the common value."""
     if run.posterior is None or "windows" not in run.posterior.children:
         return Table((), [])
     values = run.posterior["windows"].to_dataset()

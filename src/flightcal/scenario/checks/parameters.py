@@ -37,6 +37,9 @@ def check(reading: Reading, folder: Path) -> Iterator[Issue]:
         message = _prior_problem(parameter, reading.numbers)
         if message:
             yield Issue(("parameters", name, "prior"), message)
+        if parameter.trend is not None and reading.blocks.external is not None:
+            message = "found 'trend' of a simulator that is not flightcal's own, expected it with a thermal network"
+            yield Issue(("parameters", name, "trend"), message)
     yield from _check_thresholds(parameters, reading)
 
 
