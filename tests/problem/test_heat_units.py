@@ -1,5 +1,6 @@
 """Unit heats, and what temperatures do under them."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -337,6 +338,20 @@ def test_responses_are_what_a_little_heat_does(problem, model, centre):
     assert np.abs(expected).max() > 0.01
     # A heat's third power is left: temperatures cubed over the absolute one squared, and the nudge's.
     np.testing.assert_allclose(0.5 * (sides[0] - sides[1]), expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
+
+
+def test_heat_that_has_faded_since_another_window_does_nothing(problem, model, centre):
+    window = sampled_windows(problem)[0]
+    theta = problem.at(window, centre[None])[0]
+    units = unit_heats(model, window)
+    k = next(k for k, own in enumerate(units) if len(own.series) > 1)
+    series = units[k].series.copy()
+    series[0] = 1e-310  # too small to divide by
+    faded = [*units[:k], replace(units[k], series=series), *units[k + 1 :]]
+    with warnings.catch_warnings(action="error"):
+        found = responses(window, theta, model, faded)
+    assert not found[k][..., 0].any()
+    np.testing.assert_allclose(found[k][..., 1:], responses(window, theta, model, units)[k][..., 1:], rtol=1e-9)
 
 
 def test_heat_that_changes_a_temperature_without_bound_is_a_failure(problem, model, centre, monkeypatch):

@@ -21,6 +21,8 @@ _LOOKS = 20_000
 """In a window, at most so many."""
 _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
+_NOTHING = 1e-12
+"""Of the largest heat: what does nothing."""
 _MOST_CHANGED = 1e3
 """K, by which that much heat changes a temperature at most: what goes on from there overflows."""
 _ON, _SAMPLES = 0.5, 4.0
@@ -297,10 +299,12 @@ def responses(
     share = np.concatenate([own.share for own in units])
     # Of the node whose flow it changes most.
     largest = np.abs(series).max(axis=1, initial=0.0) * (np.abs(share) / model.flow).max(axis=1)
+    # Months after another window, what was slow there has fallen to numbers that cannot be divided by.
+    least = _NOTHING * largest.max(initial=0.0)
     at_once = max(1, _AT_ONCE // max(1, 2 * len(model.nodes) * series.shape[1]))
     found = np.zeros((*read(np.zeros((*window.observed.shape, 0))).shape[:-1], len(series)))
     for first in range(0, len(series), at_once):
-        part = first + np.flatnonzero(largest[first : first + at_once] > 0.0)
+        part = first + np.flatnonzero(largest[first : first + at_once] > least)
         if not len(part):
             continue
         nudged = _NUDGE / largest[part]
