@@ -264,6 +264,8 @@ class Search:
             for own, whiten in zip(linear, whitens, strict=True):
                 responses_here = own.response[first : first + _AT_ONCE]
                 wide = np.concatenate(responses_here, axis=2)
+                if wide.shape[2] == 0:
+                    continue
                 white = (whiten(wide) / deviations).reshape(-1, wide.shape[2])
                 # A window may lack the last functions of a group.
                 counts = [response.shape[2] for response in responses_here]
