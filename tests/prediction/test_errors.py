@@ -347,7 +347,8 @@ def test_a_predictions_draws_start_from_first_samples_that_err_as_the_residuals_
         given.append((type(errors), rng is None))
         return condition_initial(first, thetas, errors, rng, heat)
 
-    monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "condition_initial", noted)
+    for module in ("predict", "initial"):
+        monkeypatch.setattr(sys.modules[f"flightcal.prediction.{module}"], "condition_initial", noted)
     predict(
         build_problem(scenario, data), data, "test", {"truth": truth(problem)}, np.tile(truth(problem), (3, 1)), seed=1
     )

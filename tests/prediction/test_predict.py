@@ -222,7 +222,8 @@ def test_draws_are_conditioned_with_their_own_noise_and_failures_are_counted(cas
         given.append(errors.noise)
         return condition_initial(first, thetas, errors, rng, heat)
 
-    monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "condition_initial", noted)
+    for module in ("predict", "initial"):
+        monkeypatch.setattr(sys.modules[f"flightcal.prediction.{module}"], "condition_initial", noted)
     thetas = draws[:4].copy()
     thetas[:, problem.names.index("noise.body_temp")] = [0.1, 0.2, 0.3, 0.4]
     thetas[3, problem.names.index("power")] = np.nan

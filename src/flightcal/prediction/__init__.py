@@ -1,6 +1,6 @@
 """From a calibration to temperatures and heater duty with intervals, on windows seen and unseen.
 
-Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator.
+Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator, telemetry.
 """
 
 from .holding import HELD, Holding, hold_together, replicates_of

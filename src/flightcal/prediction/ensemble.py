@@ -61,6 +61,35 @@ class Ensemble:
     """[3, T, N] K: its mean, and lower and upper bound of its interval; None: there is none."""
 
 
+def simulated(
+    window: Window,
+    thetas: FloatArray,
+    rng: np.random.Generator,
+    heat: FloatArray | None = None,
+    thresholds: Thresholds | None = None,
+    on: FloatArray | None = None,
+) -> list[Trajectory | None]:
+    """Simulations at thetas [S, q] of a window, as `propagate` makes them; None where one fails."""
+    trained = is_trained(window.name)
+    # Where the telemetry is known, so is when its heaters switched.
+    added = None if thresholds is None else scattered(thresholds, SCATTERED, None if trained else rng)
+    runs: list[Trajectory | None] = [None] * len(thetas)
+    states, group = (None, np.zeros(len(thetas), int)) if on is None else np.unique(on, axis=0, return_inverse=True)
+    for k in range(int(group.max()) + 1):
+        here = np.flatnonzero(group.ravel() == k)
+        begun = window if states is None else window.begun(states[k])
+        of_heat = None if heat is None else heat[here]
+        if added is not None and begun.network is not None:
+            made = begun.network.simulate_switching(thetas[here][:, window.simulated], added[here], of_heat)
+        elif trained:
+            made = begun.simulate_many(thetas[here], of_heat)
+        else:
+            made = begun.simulate_as_flown(thetas[here], rng, of_heat)
+        for place, run in zip(here.tolist(), made, strict=True):
+            runs[place] = run
+    return runs
+
+
 def propagate(
     window: Window,
     thetas: FloatArray,
@@ -82,53 +111,37 @@ def propagate(
     the status or the scenario says); scored: [T] samples that count (None: all). Raises RunError when more than half of
     the simulations fail.
     """
-    trained = is_trained(window.name)
-    # Where the telemetry is known, so is when its heaters switched.
-    added = None if thresholds is None else scattered(thresholds, SCATTERED, None if trained else rng)
-    runs: list[Trajectory | None] = [None] * len(thetas)
-    states, group = (None, np.zeros(len(thetas), int)) if on is None else np.unique(on, axis=0, return_inverse=True)
-    for k in range(int(group.max()) + 1):
-        here = np.flatnonzero(group.ravel() == k)
-        begun = window if states is None else window.begun(states[k])
-        of_heat = None if heat is None else heat[here]
-        if added is not None and begun.network is not None:
-            made = begun.network.simulate_switching(thetas[here][:, window.simulated], added[here], of_heat)
-        elif trained:
-            made = begun.simulate_many(thetas[here], of_heat)
-        else:
-            made = begun.simulate_as_flown(thetas[here], rng, of_heat)
-        for place, run in zip(here.tolist(), made, strict=True):
-            runs[place] = run
+    trained, runs = is_trained(window.name), simulated(window, thetas, rng, heat, thresholds, on)
     usable = np.ones(len(thetas), bool) if errors is None else errors.usable()
     usable &= np.array([run is not None for run in runs], bool)
     kept = [(theta, run) for theta, run, good in zip(thetas, runs, usable, strict=True) if run is not None and good]
     if len(kept) < _FEWEST * len(thetas):
         raise RunError(f"window '{window.name}': {len(thetas) - len(kept)} of {len(thetas)} simulations failed")
-    simulated = np.stack([run.temperatures for _, run in kept])  # [S, T, N]
+    kelvins = np.stack([run.temperatures for _, run in kept])  # [S, T, N]
     discrepancy = None
     tails = [0.5 * (1 - interval), 0.5 * (1 + interval)]
     basis = window.simulator.error_basis
     if known is not None:
-        simulated += known[usable]
+        kelvins += known[usable]
     elif basis is not None:
         weights = np.stack([np.sqrt(run.error_variance) for _, run in kept])  # [S, r]
-        simulated += np.einsum("tnr,sr->stn", basis, weights * rng.standard_normal(weights.shape))
+        kelvins += np.einsum("tnr,sr->stn", basis, weights * rng.standard_normal(weights.shape))
     if errors is None:
         noise = np.stack([window.noise(theta) for theta, _ in kept])  # [S, N]
-        mean, noisy = simulated.mean(axis=0), simulated + noise[:, None, :] * rng.standard_normal(simulated.shape)
-        deviation = np.sqrt(simulated.var(axis=0) + (noise**2).mean(axis=0))
+        mean, noisy = kelvins.mean(axis=0), kelvins + noise[:, None, :] * rng.standard_normal(kelvins.shape)
+        deviation = np.sqrt(kelvins.var(axis=0) + (noise**2).mean(axis=0))
     else:
-        drawn = errors.only(usable).draw(simulated, rng)
-        mean = (simulated + drawn.mean).mean(axis=0)
-        simulated = simulated + drawn.discrepancy
-        noisy = simulated + drawn.noise + drawn.white
+        drawn = errors.only(usable).draw(kelvins, rng)
+        mean = (kelvins + drawn.mean).mean(axis=0)
+        kelvins = kelvins + drawn.discrepancy
+        noisy = kelvins + drawn.noise + drawn.white
         deviation = noisy.std(axis=0)
         if window.residuals.terms.discrepant.any():
             bounds = np.quantile(drawn.discrepancy, tails, axis=0)
             discrepancy = np.concatenate([drawn.discrepancy.mean(axis=0)[None], bounds])
     lower, upper = np.quantile(noisy, tails, axis=0)
-    counting = simulated if scored is None else simulated[:, scored]
-    model_lower, model_upper = np.quantile(simulated, tails, axis=0)
+    counting = kelvins if scored is None else kelvins[:, scored]
+    model_lower, model_upper = np.quantile(kelvins, tails, axis=0)
     heaters = len(window.simulator.heaters)
     duty_cycle = np.stack([run.duty_cycle for _, run in kept])
     status = np.stack([run.status for _, run in kept])

@@ -297,3 +297,8 @@ class WhiteErrors:
     def whiten(self, columns: FloatArray) -> FloatArray:
         """Columns [S, T, N, c], K, in standard deviations of the noise."""
         return np.asarray(columns / self.noise[:, None, :, None])
+
+
+def white_errors(window: Window, thetas: FloatArray) -> WhiteErrors:
+    """Independent noise of thetas [S, q]: what the methods know of that have no model of the residuals."""
+    return WhiteErrors(np.stack([window.noise(theta) for theta in thetas]))

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..environment import orbit_phase
 from ..problem import Problem, Window
 from ..scenario import ExternalModel, Normal
 from ..simulator import FloatArray, SimulationFailure, courses
@@ -24,6 +25,12 @@ _ALIKE = 5.0
 """K by which nodes that are read differ where others are about alike."""
 _MOST_TRIED = 4
 """Heaters without a status, of which all states at first are tried."""
+_RARELY = 0.05
+"""Of the time: as little as a heater may be on or off at a time of which nothing is known."""
+_LEAST = 0.5
+"""K, least deviation of what a node that is measured in training begins with."""
+_PLACE = 0.05
+"""Orbits, in which temperatures are about alike."""
 _ITERATIONS = 3  # a heater that switches in the span bends what is linear otherwise
 
 
@@ -31,8 +38,9 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
     """The window with nodes that none of its samples tells of anywhere where training had them, at draws [S, d].
 
     What the scenario says of where these start is of a training window's start. Here they start as they were in
-    training, in the mean of the draws, while the nodes that are told were about as warm as their samples say. The
-    deviation is no less than what the scenario says. A reduced model's file says it itself.
+    training, in the mean of the draws, while the nodes that are told were about as warm as their samples say; where
+    none is told, at the same place in the orbit. The deviation of nodes without a channel is no less than what the
+    scenario says. A reduced model's file says it itself.
     """
     model = first.scenario.simulator
     if isinstance(model, ExternalModel) or model.reduced_model is not None:
@@ -60,16 +68,29 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
         except SimulationFailure:
             continue
         found.append(course)
-        lasted.append(steps)
+        lasted.append(steps if told.any() else steps * _at_the_place(first, window))
     if not found:
         return first
     read = np.array([prior.mean for prior in starts.values()])[told]
     likely, spread = beside(np.concatenate(found), np.concatenate(lasted), told, read)
     reads = dict(first.reads)
     untold = [name for name, is_told in zip(starts, told, strict=True) if not is_told]
+    observed = {item.node for item in first.scenario.observations.values()}
     for name, own, deviation in zip(untold, likely.tolist(), spread.tolist(), strict=True):
-        reads[name] = Normal(mean=own, standard_deviation=max(deviation, starts[name].standard_deviation))
+        least = _LEAST if name.removeprefix("initial.") in observed else starts[name].standard_deviation
+        reads[name] = Normal(mean=own, standard_deviation=max(deviation, least))
     return replace(first, reads=reads)
+
+
+def _at_the_place(first: Window, window: Window) -> FloatArray:
+    """[K] how much the steps of a training window count: those at the place in the orbit where another begins."""
+    assert window.network is not None
+    edges = window.network.drive.times
+    middle = window.start + np.round(0.5e9 * (edges[1:] + edges[:-1])).astype("timedelta64[ns]")
+    environment, folder = first.scenario.environment, first.scenario.folder
+    phases = orbit_phase(environment, np.append(middle, first.start), folder, window.start)
+    off = np.remainder(phases[:-1] - phases[-1] + 0.5, 1.0) - 0.5
+    return np.asarray(np.exp(-0.5 * (off / _PLACE) ** 2))
 
 
 def beside(
@@ -85,6 +106,27 @@ def beside(
     mean = np.average(kelvins[:, ~told], axis=0, weights=alike)
     variance = np.average((kelvins[:, ~told] - mean) ** 2, axis=0, weights=alike)
     return mean, np.sqrt(variance + off.min())
+
+
+def begun(
+    problem: Problem, first: Window, thetas: FloatArray, at_first: FirstErrors | WhiteErrors,
+    rng: np.random.Generator, heat: FloatArray | None,
+) -> tuple[FloatArray, FloatArray | None]:  # fmt: skip
+    """Thetas [S, q] with initial temperatures as the first samples have them, and [S, H] heaters that are on then.
+
+    None: those that the status or the scenario says. at_first, heat: see `condition_initial`.
+    """
+    if first.unmeasured:
+        return condition_start(first, thetas, at_first, rng, heat, _shares(problem))
+    return condition_initial(first, thetas, at_first, rng, heat), None
+
+
+def _shares(problem: Problem) -> FloatArray:
+    """[H] of the time that heaters are on in training, as far as it is known: a half of the others."""
+    status = np.concatenate([window.status for window in problem.windows])
+    known = np.isfinite(status)
+    shares = np.where(known, status, 0.0).sum(axis=0) / known.sum(axis=0).clip(1)
+    return np.where(known.any(axis=0), shares, 0.5).clip(_RARELY, 1.0 - _RARELY)
 
 
 def condition_initial(

@@ -18,17 +18,15 @@ from ..scenario import Scenario, SimulatorModel, is_trained
 from ..simulator import FloatArray, Trajectory
 from .duty import FEWEST_ORBITS, sampled_duty_cycle, unknown_share
 from .ensemble import Ensemble, propagate
-from .errors import WhiteErrors, WindowErrors, window_errors
+from .errors import WindowErrors, white_errors, window_errors
 from .heat import DrawnHeat, Heated, draw_heat, heated_window
 from .holding import replicate
-from .initial import around_usual, condition_initial, condition_start
+from .initial import around_usual, begun, condition_initial
 from .innovations import innovations, noise_in_words
 from .labels import LABELS
+from .lead import lead_up_to
 from .metrics import STOCHASTIC
 from .unseen import unseen_attribute
-
-_RARELY = 0.05
-"""Of the time: as little as a heater may be on or off at a time of which nothing is known."""
 
 
 def predict(
@@ -62,9 +60,9 @@ def predict(
     inside = problem.at(window, draws, rng)
     first = None if name in trained else around_usual(_first_of(problem, window, telemetry), problem, draws)
     scored = np.ones(len(window.times), bool) if first is None else window.times > first.times[-1]
-    heated, errors = None, None
-    if problem.heat is not None:
-        drawn = heat or draw_heat(problem, draws, rng)
+    heated, errors, led = None, None, None
+    drawn = heat if problem.heat is None or heat is not None else draw_heat(problem, draws, rng)
+    if drawn is not None:
         heated = heated_window(problem, window, inside, drawn, int((~scored).sum()), rng)
         errors = heated.errors
     elif not window.residuals.is_independent:
@@ -72,14 +70,19 @@ def predict(
     ended, on = (None, None) if heated is None else (heated.ended, heated.on)
     if first is not None:
         if len(thetas):
-            thetas = condition_initial(first, thetas, _white(window, thetas))
+            thetas = condition_initial(first, thetas, white_errors(window, thetas))
         if ended is not None:
             scored[:] = True
             inside[:, [k for k, own in enumerate(window.names) if own.startswith("initial.")]] = ended.temperatures
+        elif (led := lead_up_to(problem, telemetry, window, draws, inside, drawn, rng)) is not None:
+            scored[:] = True
+            inside, on = led.thetas, led.on
         else:
             if isinstance(for_draws.simulator, EmulatedSimulator):
                 first = replace(first, simulator=for_draws.simulator.on(slice(len(first.times))))
-            inside, on = _begun(problem, first, inside, errors, heated, rng)
+            at_first = white_errors(first, inside) if errors is None else errors.at_first()
+            of_first = None if heated is None else heated.injected.on(first)
+            inside, on = begun(problem, first, inside, at_first, rng, of_first)
     of_heat: dict[str, Any] = {}
     if heated is not None:
         of_heat = {"heat": heated.injected.on(window), "thresholds": heated.thresholds, "known": heated.known}
@@ -100,6 +103,8 @@ def predict(
         prediction = prediction.assign(_residual_model(window, errors, ensemble, fitted, rng))
     prediction.attrs |= {"interval": settings.interval, "failed_simulations": ensemble.failed}
     prediction.attrs |= _in_words(for_draws, errors, heated, trained, settings.initial_span)
+    if led is not None:
+        prediction.attrs["initial_state"] = led.words
     prediction.attrs |= unseen_attribute(trained, window, ensemble.mean)
     return labelled(prediction, LABELS), ensemble
 
@@ -112,41 +117,9 @@ def _first_of(problem: Problem, window: Window, telemetry: xarray.Dataset) -> Wi
     return replace(first, bridged=window.bridged, changes=window.changes)
 
 
-def _begun(
-    problem: Problem,
-    first: Window,
-    thetas: FloatArray,
-    errors: WindowErrors | None,
-    heated: Heated | None,
-    rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray | None]:
-    """Thetas [S, q] with initial temperatures as the first samples have them, and [S, H] heaters that are on then.
-
-    None: those that the status or the scenario says.
-    """
-    at_first = _white(first, thetas) if errors is None else errors.at_first()
-    heat = None if heated is None else heated.injected.on(first)
-    if first.unmeasured:
-        return condition_start(first, thetas, at_first, rng, heat, _shares(problem))
-    return condition_initial(first, thetas, at_first, rng, heat), None
-
-
-def _shares(problem: Problem) -> FloatArray:
-    """[H] of the time that heaters are on in training, as far as it is known: a half of the others."""
-    status = np.concatenate([window.status for window in problem.windows])
-    known = np.isfinite(status)
-    shares = np.where(known, status, 0.0).sum(axis=0) / known.sum(axis=0).clip(1)
-    return np.where(known.any(axis=0), shares, 0.5).clip(_RARELY, 1.0 - _RARELY)
-
-
 def _like_trained(problem: Problem, window: Window) -> Window:
     """A window that reads what the calibration knows."""
     return window if problem.heat is None else dressed(window, problem.heat)
-
-
-def _white(window: Window, thetas: FloatArray) -> WhiteErrors:
-    """Independent noise of thetas [S, q]: what the methods know of that have no model of the residuals."""
-    return WhiteErrors(np.stack([window.noise(theta) for theta in thetas]))
 
 
 def _residual_model(

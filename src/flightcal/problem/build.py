@@ -95,8 +95,7 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     if name not in scenario.windows:
         raise ScenarioError(f"window '{name}' is not in the scenario, which has {', '.join(scenario.windows)}")
     period = orbital_period(scenario.environment, scenario.folder)
-    lead = scenario.calibration.prediction.initial_span
-    chosen = select_window(telemetry, scenario.windows[name], period, name, lead=lead)
+    chosen = select_window(telemetry, scenario.windows[name], period, name)
     channels = tuple(channel for channel, item in scenario.observations.items() if item.heater is None)
     written, end = window_bounds(scenario.windows[name], period)
     begun = _first_known(scenario, chosen, channels, written)
@@ -175,14 +174,11 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
 def _first_known(
     scenario: Scenario, chosen: xarray.Dataset, channels: Sequence[str], start: np.datetime64
 ) -> np.datetime64:
-    """The start, or the first valid sample of channels where that comes too late to tell of the state at the start.
-
-    Of a plan, the first of those that come before it.
-    """
+    """The start, or the first valid sample of channels where that comes too late to tell of the state at the start."""
     valid = np.any([np.isfinite(chosen[channel].values) for channel in channels], axis=0)
     times = chosen["time"].values[valid] if channels else np.empty(0, "datetime64[ns]")
     latest = start + np.timedelta64(round(scenario.calibration.prediction.initial_span * 1e9), "ns")
-    return np.datetime64(times[0]) if len(times) and not start <= times[0] < latest else start
+    return np.datetime64(times[0]) if len(times) and times[0] >= latest else start
 
 
 def _goes_on(scenario: Scenario, start: np.datetime64, period: float) -> bool:

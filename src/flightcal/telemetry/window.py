@@ -14,8 +14,6 @@ from .clean import clock_text
 _PLAN = ", or 'planned: true' of a time to come"
 _MOST = 5_000
 """Times of a plan."""
-_RECENT = np.timedelta64(3600, "s")
-"""So long before a plan telemetry may end that tells where its temperatures begin."""
 
 
 def window_bounds(window: Stretch, period: float | None) -> tuple[np.datetime64, np.datetime64]:
@@ -35,14 +33,11 @@ def window_bounds(window: Stretch, period: float | None) -> tuple[np.datetime64,
     return start, start + np.timedelta64(round(window.orbits * period * 1e9), "ns")
 
 
-def select_window(
-    dataset: xr.Dataset, window: Window, period: float | None = None, called: str = "", *, lead: float = 0.0
-) -> xr.Dataset:
+def select_window(dataset: xr.Dataset, window: Window, period: float | None = None, called: str = "") -> xr.Dataset:
     """The samples of `dataset` with start <= time < end.
 
-    Of several packets, times at which there are samples of drivers only are left out. A planned window of which there
-    is no temperature has times as far apart as these are, and no valid sample but for the last `lead` s of telemetry
-    that ends just before it.
+    Of several packets, times at which there are samples of drivers only are left out. A planned window
+    goes on, after the last temperature, at times as far apart as these are, without a valid sample.
 
     period: orbital period, s; default: that of the dataset. called: what the scenario calls it, for errors. Raises
     TelemetryError when the window lies, even partly, outside the telemetry or outside one of its packets, or holds no
@@ -52,9 +47,9 @@ def select_window(
     times = dataset["time"].to_numpy()
     name = f"window {f'{called}, ' if called else ''}{clock_text(start)} to {clock_text(end)}"
     if window.planned:
-        read = times[_read(dataset)]
-        if not np.any((read >= start) & (read < end)):
-            return _planned(dataset, start, end, read, lead)
+        read = when_read(dataset)
+        if not np.any((read >= start) & (read < end)) or read[-1] + _slack(read) < end:
+            return _planned(dataset, start, end, read)
     sampled = _sampled(dataset)
     for packet, own in _packets(dataset).items():
         _check_within(times[own], start, end, name, packet, "" if is_trained(called) else _PLAN)
@@ -81,21 +76,17 @@ def _slack(times: NDArray[np.datetime64]) -> np.timedelta64:
     return np.median(np.diff(times)) if len(times) > 1 else np.timedelta64(0, "ns")
 
 
-def _planned(
-    dataset: xr.Dataset, start: np.datetime64, end: np.datetime64, read: NDArray[np.datetime64], lead: float
-) -> xr.Dataset:
-    """A window without telemetry, after the last `lead` s of it where that is recent; read: when temperatures are."""
+def _planned(dataset: xr.Dataset, start: np.datetime64, end: np.datetime64, read: NDArray[np.datetime64]) -> xr.Dataset:
+    """A window of which telemetry lacks the end, or all; read: when temperatures are."""
     usual = np.median(np.diff(read)) if len(read) > 1 else np.timedelta64(0, "s")
-    inside = np.arange(start, end, max(usual, (end - start) // _MOST, np.timedelta64(1, "s")))
+    known = read[(read >= start) & (read < end)]
+    step = max(usual, (end - start) // _MOST, np.timedelta64(1, "s"))
+    inside = np.arange(known[-1] + step if len(known) else start, end, step)
     flags = np.full((len(inside), dataset.sizes["channel"]), Flag.MISSING, np.uint8)
     empty = {name: ("time", np.full(len(inside), np.nan)) for name in dataset["channel"].to_numpy()}
     made = dataset.drop_dims("time").assign_coords(time=inside).assign(empty)
     made = made.assign(flags=(("time", "channel"), flags)).assign_attrs(dataset.attrs)
-    before = read[read < start]
-    if lead and len(before) and start - before[-1] <= _RECENT:
-        begun = dataset.sel(time=before[before >= before[-1] - np.timedelta64(round(lead * 1e9), "ns")])
-        made = xr.concat([begun, made], "time", combine_attrs="override")
-    return made
+    return xr.concat([dataset.sel(time=known), made], "time", combine_attrs="override") if len(known) else made
 
 
 def _packets(dataset: xr.Dataset) -> dict[str, NDArray[np.bool_]]:
@@ -105,11 +96,11 @@ def _packets(dataset: xr.Dataset) -> dict[str, NDArray[np.bool_]]:
     return {packet: flags[:, i] & Flag.OTHER_PACKET == 0 for packet, i in channels.items()}
 
 
-def _read(dataset: xr.Dataset) -> NDArray[np.bool_]:
-    """Times [T] with a valid temperature."""
+def when_read(dataset: xr.Dataset) -> NDArray[np.datetime64]:
+    """Times with a valid temperature."""
     names = [name for name in dataset["channel"].to_numpy() if dataset[name].attrs.get("kind") == "temperature"]
     found = [np.isfinite(dataset[name].to_numpy()) for name in names]
-    return np.any(found, axis=0) if found else np.zeros(dataset.sizes["time"], bool)
+    return np.asarray(dataset["time"].to_numpy()[np.any(found, axis=0) if found else slice(0)])
 
 
 def _sampled(dataset: xr.Dataset) -> NDArray[np.bool_]:

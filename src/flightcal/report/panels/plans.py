@@ -16,7 +16,7 @@ from ..tables import Cell, Table
 from ..text import number
 from ..windows import CELSIUS, degrees
 from .picture import HEIGHTS
-from .prediction import figure_stochastic
+from .prediction import figure_stochastic, unseen
 
 MAY_BE: Final = 0.01
 LIKELY: Final = 0.5
@@ -49,6 +49,9 @@ def panel(run: RunFiles) -> list[Block]:
     blocks = []
     for name, of in found.items():
         blocks += [block.heading(f"“{name}”"), block.table(table(windows[name], of))]
+        begins = windows[name].attrs.get("initial_state")
+        told = [words for words in (begins and f"Initial state: {begins}.", unseen(windows[name])) if words]
+        blocks += [block.text(" ".join(told))] if told else []
         likeliest = sorted((own for own in of if not np.isnan(own.limit)), key=lambda own: -own.chance)
         if shown := list(dict.fromkeys(own.channel for own in likeliest))[:_SHOWN]:
             window = windows[name].sel(channel=shown)
