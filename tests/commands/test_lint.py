@@ -114,25 +114,47 @@ def test_steps_that_no_number_of_them_makes_exact_are_told(tmp_path: Path):
     assert "leave an error of 0." in told
 
 
-@pytest.mark.parametrize(("change", "told"), [("02:00:00", True), ("06:00:00", False)])
-def test_a_plan_beyond_the_last_change_of_mode_is_told(tmp_path: Path, change: str, told: bool):
+CHANGES = [(hour, minute, mode) for hour in range(6) for minute, mode in (("00", "busy"), ("30", "idle"))]
+"""Of modes that last half an hour."""
+
+
+@pytest.mark.parametrize(("change", "rest"), [("02:00:00", "all"), ("05:40:00", "the rest"), ("06:00:00", "")])
+def test_a_plan_beyond_the_last_change_of_mode_is_told(tmp_path: Path, change: str, rest: str):
     written = small.content()
     written["simulator"] |= {
         "modes": {"idle": {"body": "1 W"}, "busy": {"body": "3 W"}},
         "timeline": [
-            {"at": "2024-03-01T00:00:00", "mode": "idle"},
+            *({"at": f"2024-03-01T0{hour}:{minute}:00", "mode": mode} for hour, minute, mode in CHANGES),
             {"at": f"2024-03-01T{change}", "mode": "busy"},
         ],
     }
+    if rest == "all":
+        written["simulator"]["timeline"][1:-1] = []
     written["windows"]["test"] = {
         "plan": {"start": "2024-03-01T05:30:00", "end": "2024-03-01T06:30:00", "planned": True}
     }
     small.load(tmp_path, written)
     result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
-    words = (
-        "advice: windows.test.plan: simulator.timeline has no change after 2024-03-01T02:00:00, so all of the plan is"
-    )
-    assert (f"{words} in mode 'busy'" in result.output) == told, result.output
+    words = f"advice: windows.test.plan: simulator.timeline has no change after 2024-03-01T{change}, so {rest} of the"
+    assert (f"{words} plan is in mode 'busy'" in result.output) == bool(rest), result.output
+    assert ("has no change" in result.output) == bool(rest)
+
+
+@pytest.mark.parametrize(("month", "trend", "told"), [(3, None, False), (6, None, True), (6, 0.5, False)])
+def test_a_window_months_after_training_is_told_where_nothing_ages(
+    tmp_path: Path, month: int, trend: float | None, told: bool
+):
+    written = small.content()
+    written["simulator"] = {key: own for key, own in written["simulator"].items() if key != "loads"}
+    written["telemetry"]["channels"].pop("sun")
+    written["parameters"] = {"link": written["parameters"]["link"] | ({} if trend is None else {"trend": trend})}
+    written["windows"]["test"] = {
+        "plan": {"start": f"2024-{month:02d}-10T00:00:00", "end": f"2024-{month:02d}-10T02:00:00", "planned": True}
+    }
+    small.load(tmp_path, written)
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    words = "advice: windows.test.plan: it begins 101 days after what is trained on, and in no interval is how the"
+    assert (words in result.output) == told, result.output
 
 
 @pytest.mark.parametrize(("samples", "told"), [(1, True), (20, False)])

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
 from flightcal.telemetry import quality_table, read_telemetry
+from flightcal.telemetry.readers import nearest
 
 from .files import CHANNELS, frame, read, seconds, specification, text
 
@@ -461,3 +462,9 @@ def test_comments_below_the_last_row_are_left_out_and_a_row_that_is_cut_off_is_n
     )
     with pytest.raises(TelemetryError, match="line 8: found 2 values, expected 4 as in the header"):
         read(tmp_path, f"{written}2024-03-01T00:06:00Z,20\n")
+
+
+def test_the_nearest_column_is_one_with_a_longer_name_before_one_with_other_letters():
+    assert nearest("T_PAY", ["T_PY", "T_PX", "T_PAYLOAD"]) == "; nearest: 'T_PAYLOAD'"
+    assert nearest("T_PAYLOAD_1", ["T_PAYLOAD", "T_RADIATOR_1"]) == "; nearest: 'T_PAYLOAD'"
+    assert nearest("T_PQ", ["T_PY", "U_BUS"]) == "; nearest: 'T_PY'"

@@ -79,6 +79,7 @@ def test_rows_that_come_again_or_out_of_order_are_told_by_channel(tmp_path: Path
     ("column", "message"),
     [
         ("TM.T_BATT", "data.csv: column 'parameter': found no 'TM.T_BATT'; nearest: 'TM.T_BAT'"),
+        ("TM.T_BAT_A", "data.csv: column 'parameter': found no 'TM.T_BAT_A'; nearest: 'TM.T_BAT'"),
         (["TM.T_BAT", "TM.U"], "data.csv: found no time that 'TM.T_BAT', 'TM.U' share"),
         ("TM.MODE", "data.csv: line 5: channel 'battery', column 'TM.MODE': found 'idle'"),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from itertools import pairwise, product
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ _MANY_DROPPED = 0.1
 """Share of the rows that have another row's time, from which they are no accident."""
 _SHORT = 10.0
 """s, by which temperatures do not tell that a driver is late."""
+_AGES = 30.0
+"""Days, from which on how a satellite ages may be seen."""
 _COARSE = 0.05
 """K, of the integration: more than a thermistor's step."""
 
@@ -38,7 +41,8 @@ def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) 
     yield from _of_tables(scenario, data)
     yield from _of_observations(scenario, data)
     yield from _of_heaters(scenario, data, trained)
-    yield from _of_plans(scenario)
+    yield from _of_plans(scenario, data)
+    yield from _of_age(scenario, trained)
     yield from of_steps(trained)
 
 
@@ -194,23 +198,51 @@ def _of_observations(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
             )
 
 
-def _of_plans(scenario: Scenario) -> Iterator[str]:
-    """Of planned windows in which no mode or attitude changes any more."""
+def _of_plans(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of planned windows in which no mode or attitude changes any more, for longer than any has lasted."""
+    import numpy as np
+
     from ..scenario import AttitudeTimeline, SimulatorModel
+    from ..telemetry import window_bounds
 
     model, attitude = scenario.simulator, scenario.environment.attitude
-    last: dict[str, tuple[datetime, str]] = {}
-    if isinstance(model, SimulatorModel) and len(model.timeline) > 1:
-        last["simulator.timeline"] = model.timeline[-1].at, f" in mode '{model.timeline[-1].mode}'"
+    timelines: dict[str, list[tuple[datetime, str]]] = {}
+    if isinstance(model, SimulatorModel):
+        timelines["simulator.timeline"] = [(own.at, f"mode '{own.mode}'") for own in model.timeline]
     if isinstance(attitude, AttitudeTimeline):
-        last["environment.attitude.timeline"] = attitude.timeline[-1].at, " in the last attitude"
-    for window, own in scenario.windows.items():
-        for place, (at, kept) in last.items():
-            if own.planned and at < own.start:
-                yield (
-                    f"windows.{window}: {place} has no change after {at.isoformat()}, so all of the plan is{kept}; "
-                    "add what is planned"
-                )
+        timelines["environment.attitude.timeline"] = [
+            (own.at, f"attitude '{own.attitude}'") for own in attitude.timeline
+        ]
+    plans = {name: own for name, own in scenario.windows.items() if own.planned}
+    for (window, plan), (place, changes) in product(plans.items(), timelines.items()):
+        if len(changes) < 2:
+            continue
+        at, kept = changes[-1]
+        longest = max(after - before for (before, _), (after, _) in pairwise(changes))
+        _, end = window_bounds(plan, data.attrs.get("period_s"))
+        if at < plan.start or end - np.datetime64(at) > np.timedelta64(longest):
+            rest = "all" if at < plan.start else "the rest"
+            yield (
+                f"windows.{window}: {place} has no change after {at.isoformat()}, so {rest} of the plan is in {kept}; "
+                "add what is planned"
+            )
+
+
+def _of_age(scenario: Scenario, trained: Sequence[Window]) -> Iterator[str]:
+    """Of windows so long after what is trained on that a satellite ages."""
+    import numpy as np
+
+    if not trained or any(parameter.moves for parameter in scenario.parameters.values()):
+        return
+    last = max(window.span[1] for window in trained)
+    for name, own in scenario.windows.items():
+        days = (np.datetime64(own.start) - last) / np.timedelta64(1, "D")
+        if days > _AGES:
+            yield (
+                f"windows.{name}: it begins {days:.0f} days after what is trained on, and in no interval is how the "
+                "satellite ages; write 'trend' at parameters that do, such as a radiator's absorptivity, or train on "
+                "telemetry of that time too"
+            )
 
 
 def _of_heaters(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) -> Iterator[str]:
