@@ -111,10 +111,27 @@ def test_changes_of_mode_after_the_windows_to_train_on_are_nothing_to_a_run(tmp_
     before, later = ("2024-03-01T00:00:00", "quiet"), ("2024-03-01T05:00:00", "busy")
     opened(before)
     opened(before, later, leave_out=[{"start": "2024-03-01T06:00:00", "end": "2024-03-01T06:01:00"}])
-    with pytest.raises(RunError, match="what differs: the scenario"):
+    with pytest.raises(RunError, match=r"what differs: the scenario: simulator\.timeline\)"):
         opened(before, ("2024-03-01T01:00:00", "busy"))
     with pytest.raises(RunError, match="what differs: the telemetry of the windows to train on"):
         opened(before, leave_out=[{"start": "2024-03-01T01:00:00", "end": "2024-03-01T01:10:00"}])
+
+
+def test_what_reads_later_telemetry_otherwise_is_nothing_to_a_run_and_what_else_differs_is_named(tmp_path):
+    """So a sensor that dies after the windows to train on is left out without a new calibration."""
+
+    def opened(body=(), **simulator):
+        written = small.content()
+        written["telemetry"]["channels"]["body_temp"] |= dict(body)
+        written["simulator"] |= simulator
+        scenario, data = small.load(tmp_path, written)
+        taken(scenario, tmp_path / "run", data)
+
+    opened()
+    opened({"invalid": [-999.0], "valid_range": ["-80 degC", "90 degC"], "stale_after": 20, "limits": ["0 degC", None]})
+    modes = {"modes": {"quiet": {"body": "1 W"}}, "timeline": [{"at": "2024-03-01T00:00:00", "mode": "quiet"}]}
+    with pytest.raises(RunError, match=r"what differs: the scenario: simulator\.modes\.quiet, simulator\.timeline\)"):
+        opened(**modes)
 
 
 def test_a_file_of_the_simulators_that_has_changed_is_named(tmp_path):

@@ -306,9 +306,9 @@ class Case:
         return self.make.__name__
 
 
-def differs(channel: str, kelvins: float, window: str = "test", others: int = 0) -> str:
+def differs(channel: str, kelvins: float, window: str = "test", others: str = "") -> str:
     """The next step where channels are off all the time."""
-    more = f", and {others} more likewise" if others else ""
+    more = f", and {others} likewise" if others else ""
     off = f"{abs(kelvins)} K {'above' if kelvins > 0.0 else 'below'} the prediction"
     return f"Find what differs in “{window}”: {channel} is {off} from beginning to end{more}."
 
@@ -379,7 +379,7 @@ CASES = (
     Case(
         "All channels read 5 K too much.", all_channels_fail, NOT,
         "Intervals do not hold in 3 of 3 channels, worst battery_temperature in “test”, 0.0% inside",
-        differs("battery_temperature", 5.0, others=2), MODEL_FAILED,
+        differs("battery_temperature", 5.0, others="panel_temperature and payload_temperature"), MODEL_FAILED,
     ),
     Case(
         "The only channel, of a long name, reads 5 K too much.", one_channel_of_a_long_name, NOT,
@@ -390,7 +390,7 @@ CASES = (
         "Use it for temperatures of 10 of 12 channels, but not for temperatures of tray_1_outer_temp and "
         "tray_4_outer_temp.",
         "Intervals do not hold in 2 of 12 channels, worst tray_1_outer_temp",
-        differs("tray_1_outer_temp", 5.0, others=1), WITH_LIMITS,
+        differs("tray_1_outer_temp", 5.0, others="tray_4_outer_temp"), WITH_LIMITS,
     ),
     Case(
         "A heater is on twice as long as predicted.", heater_is_off, f"{ALL} the duty cycle of battery_heater.",

@@ -60,6 +60,24 @@ def test_a_right_model_can_be_used(run):
     assert judged.then == "flightcal backtest scenario.yaml --out backtest"
 
 
+def test_a_stretch_in_which_something_else_was_flown_is_told_with_its_times(run):
+    times = run.windows["test"]["time"].values
+    stretch = (np.arange(len(times)) >= 40) & (np.arange(len(times)) < 80)
+    judged = verdict_of(fitted(run, shifted=[1], by=np.where(stretch, -5.0, 0.0)[:, None]))
+    since, until = (np.datetime_as_string(times[k], unit="m").replace("T", " ") for k in (40, 79))
+    assert judged.then == (
+        f"Find what was flown otherwise from {since} to {until} UTC, as a mode or attitude that the scenario has not "
+        "there: battery_temperature is 5.0 K below the prediction."
+    )
+
+
+def test_what_is_off_months_after_training_may_have_aged(run):
+    wrong = fitted(run, shifted=[1])
+    later = wrong.windows["test"].assign_coords(time=wrong.windows["test"]["time"] + np.timedelta64(60, "D"))
+    judged = verdict_of(dataclasses.replace(wrong, windows=wrong.windows | {"test": later}))
+    assert judged.then.endswith("It is 61 days after training: train on both, with 'trend' at what ages.")
+
+
 def test_a_good_run_through_an_emulator_is_not_sent_to_a_backtest_which_would_refuse_it(run):
     judged = verdict_of(dataclasses.replace(fitted(run), emulator={"reached": True}))
     assert judged.use == "Use it."

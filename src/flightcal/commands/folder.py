@@ -15,9 +15,10 @@ import numpy as np
 import xarray
 
 from ..calibration import heat_content
+from ..errors import FlightcalError
 from ..problem import SLOW, Problem
 from ..progress import Progress
-from ..run import INPUT_FILES, Run, Stage, hash_of, hash_of_file, open_run, plain
+from ..run import INPUT_FILES, OtherRunError, Run, Stage, hash_of, hash_of_file, open_run, plain
 from ..scenario import (
     Scenario,
     default_noise,
@@ -25,12 +26,18 @@ from ..scenario import (
     heat_of,
     input_files,
     is_trained,
+    load_scenario,
     resolved_yaml,
     time_error_of,
 )
 from ..telemetry import bridged, quality_table, window_bounds
+from .diff import differences
 
 K = TypeVar("K")
+
+_SCENARIO = "the scenario"
+_FEW = 3
+"""Places that are named where two scenarios differ."""
 
 _SLEW = np.timedelta64(1, "h")
 """By which a change of attitude may act before its time, at most."""
@@ -59,18 +66,40 @@ def open_for(
     for window in windows.values():
         # No window to train on is planned, and runs from before there were plans stay what they are.
         del window["planned"]
-    parts = {"the windows to train on": hash_of(windows), **more}
+    parts, last = {"the windows to train on": hash_of(windows), **more}, None
     if trained is None:
         parts[f"the telemetry and other {INPUT_FILES}"] = hash_of(sorted(inputs.values()))
     else:
-        _cut_after(content, _last_of(scenario, trained))
+        last = _last_of(scenario, trained)
+        _cut_after(content, last)
         read = {str(scenario.folder / name) for name in scenario.telemetry.files}
         parts["the telemetry of the windows to train on"] = _hash_of_windows(scenario, trained)
         parts[f"the other {INPUT_FILES}"] = hash_of(sorted(own for name, own in inputs.items() if name not in read))
-    parts["the scenario"] = hash_of(content)
+    parts[_SCENARIO] = hash_of(content)
     text = resolved_yaml(scenario, absolute=True)
-    with open_run(out, parts, text, inputs, scenario.calibration.seed, progress) as folder:
-        yield Run(folder, progress)
+    try:
+        with open_run(out, parts, text, inputs, scenario.calibration.seed, progress) as folder:
+            yield Run(folder, progress)
+    except OtherRunError as error:
+        places = _places(out, content, last)
+        named = f"{_SCENARIO}: {', '.join(places)}"
+        names = [named if name == _SCENARIO and places else name for name in error.names]
+        raise OtherRunError(out, names) from None
+
+
+def _places(out: Path, content: Mapping[str, Any], last: np.datetime64 | None) -> list[str]:
+    """The first places at which a scenario, as a run is bound to it, differs from that of the run in a folder.
+
+    last: see `_cut_after`.
+    """
+    try:
+        before = _bound(load_scenario(out / "scenario.yaml"))
+    except FlightcalError:  # its files are elsewhere now
+        return []
+    del before["windows"]
+    if last is not None:
+        _cut_after(before, last)
+    return [place for place, *_ in differences(before, content)][:_FEW]
 
 
 def _bound(scenario: Scenario) -> dict[str, Any]:
@@ -97,13 +126,15 @@ def _bound(scenario: Scenario) -> dict[str, Any]:
 
 
 def _cut_after(content: dict[str, Any], end: np.datetime64) -> None:
-    """Leave out what a scenario says of later times: changes of mode and attitude, and samples that are not used."""
+    """Leave out what a scenario says of later times: changes of mode and attitude, and which samples are used."""
     for block in (content["simulator"], content["environment"].get("attitude")):
         if isinstance(block, dict) and isinstance(block.get("timeline"), list):
             block["timeline"] = [own for own in block["timeline"] if np.datetime64(own["at"], "ns") <= end]
             block.pop("timeline_file", None)
+    # What was read tells what they do in the windows to train on.
     for channel in content["telemetry"]["channels"].values():
-        channel.pop("leave_out", None)
+        for key in ("leave_out", "invalid", "valid_range", "valid_where", "stale_after"):
+            channel.pop(key, None)
 
 
 def _bounds(scenario: Scenario, telemetry: xarray.Dataset) -> list[tuple[np.datetime64, np.datetime64]]:

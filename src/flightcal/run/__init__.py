@@ -7,6 +7,7 @@ from .files import locked, sweep, write_bytes
 from .folder import (
     INPUT_FILES,
     REDUCED,
+    OtherRunError,
     RunDirectory,
     check_whole,
     hash_of,

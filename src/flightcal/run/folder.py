@@ -13,7 +13,7 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -118,6 +118,17 @@ class RunDirectory:
         return read_tree(self.file(name))
 
 
+class OtherRunError(RunError):
+    """A folder holds another run: `names` are of the parts that differ."""
+
+    def __init__(self, path: Path, names: Sequence[str]) -> None:
+        super().__init__(
+            f"{path}: the folder holds the run of another scenario, of other telemetry or of another command "
+            f"(what differs: {', '.join(names)}); choose another --out, or delete the folder"
+        )
+        self.path, self.names = path, tuple(names)
+
+
 @contextmanager
 def open_run(
     path: Path,
@@ -204,10 +215,7 @@ def _check_parts(
         before, now = ({Path(file).name: own for file, own in of.items()} for of in (provenance["inputs"], inputs))
         changed = sorted(file for file in {**before, **now} if before.get(file) != now.get(file))
         names = [f"{name}: {', '.join(changed)}" if name.endswith(INPUT_FILES) and changed else name for name in names]
-        raise RunError(
-            f"{path}: the folder holds the run of another scenario, of other telemetry or of another command "
-            f"(what differs: {', '.join(names)}); choose another --out, or delete the folder"
-        )
+        raise OtherRunError(path, names)
 
 
 def _tidy(path: Path, progress: Progress) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...prediction import HELD, Holding
 from ..panels.duty import CLOSED, duties
+from ..panels.parameters import shortened
 from ..panels.picture import holdings, wide_intervals
 from ..panels.prediction import unseen, unseen_share
 from ..run_files import RunFiles
@@ -25,6 +26,10 @@ _OUTSIDE = 0.05
 """Share of a window's time outside of what training contained, above which a title says so."""
 _CONSTANT = 0.9
 """Share of the root mean square of an error that is its mean, above which it is there all the time."""
+_AGES = 30.0
+"""Days, from which on how a satellite ages may be seen."""
+_FAR, _MOSTLY = 2.0, 0.8
+"""Half widths of an interval, and share of the samples, that make a stretch in which something else was flown."""
 _OF_DUTY = {"inside": "", "beside": ", beside it, as may be by chance", "outside": ", which leaves telemetry out"}
 """What is added of a duty cycle by where it lies."""
 
@@ -110,7 +115,9 @@ def holding(run: RunFiles) -> Finding:
     state: State = "bad" if 2 * (len(failed) + len(doubtful)) >= len(channels) else "warn"
     not_for = tuple(map(temperatures_of, [*failed, *doubtful]))
     there = windows[at]["channel"].values[judged[at].room < 0.0].tolist()
-    then = _then(at, windows[at], _beside_throughout(at, windows[at], sorted(there, key=lambda own: own != first)))
+    there = sorted(there, key=lambda own: own != first)
+    then = _beside_throughout(at, windows[at], there, _days_after(run, windows[at])) or _for_a_while(windows[at], there)
+    then = _then(at, windows[at], then or CHECK)
     if state == "bad" and unseen_share(windows[at]) > _OUTSIDE:
         then = CHECK
     return Finding(state, title, text, tuple(details), not_for, then)
@@ -175,17 +182,52 @@ def _on_average(window: xr.Dataset, channel: str) -> str:
     return _beside(float(np.nanmean(_off(window, channel))))
 
 
-def _beside_throughout(name: str, window: xr.Dataset, channels: Sequence[str]) -> str:
-    """What to do next where channels, the worst first, do not hold: those that are off all the time are told."""
+def _beside_throughout(name: str, window: xr.Dataset, channels: Sequence[str], days: float) -> str:
+    """What to do next where some of the channels that do not hold, the worst first, are off all the time; else "".
+
+    days: between training and the window.
+    """
     off = {channel: _off(window, channel) for channel in channels}
     constant = [
         channel for channel, own in off.items() if abs(np.nanmean(own)) > _CONSTANT * np.sqrt(np.nanmean(own**2))
     ]
     if not constant:
-        return CHECK
+        return ""
     first, *others = constant
-    more = f", and {len(others)} more likewise" if others else ""
-    return f"Find what differs in “{name}”: {first} is {_on_average(window, first)} from beginning to end{more}."
+    likewise = f", and {shortened(others)} likewise" if others else ""
+    what = f"{first} is {_on_average(window, first)} from beginning to end{likewise}."
+    if days > _AGES:
+        what += f" It is {days:.0f} days after training: train on both, with 'trend' at what ages."
+    return f"Find what differs in “{name}”: {what}"
+
+
+def _days_after(run: RunFiles, window: xr.Dataset) -> float:
+    """Days from the end of training to a window."""
+    trained = [own["time"].values[-1] for name, own in run.windows.items() if name not in run.test_windows]
+    last = max(trained, default=window["time"].values[0])
+    return float((window["time"].values[0] - last) / np.timedelta64(1, "D"))
+
+
+def _for_a_while(window: xr.Dataset, channels: Sequence[str]) -> str:
+    """What to do next where one of the channels that do not hold, the worst first, is off in one stretch; else ""."""
+    for channel in channels:
+        off, own = _off(window, channel), window.sel(channel=channel)
+        lower, upper = (own[name].sel({"by": "stochastic"}).values for name in ("lower", "upper"))
+        scored = np.flatnonzero(np.isfinite(off))
+        outside = (np.abs(off) > _FAR * 0.5 * (upper - lower))[scored]
+        if not outside.any():
+            continue
+        begin, end = scored[np.flatnonzero(outside)[[0, -1]]]
+        inside = outside[(scored >= begin) & (scored <= end)]
+        if inside.mean() > _MOSTLY and len(inside) < _MOSTLY * len(scored):
+            since, until = (
+                np.datetime_as_string(own["time"].values[k], unit="m").replace("T", " ") for k in (begin, end)
+            )
+            return (
+                f"Find what was flown otherwise from {since} to {until} UTC, as a mode or attitude that the scenario "
+                f"has not there: {channel} is {_beside(float(np.nanmean(off[begin : end + 1])))}."
+            )
+    return ""
 
 
 def _off(window: xr.Dataset, channel: str) -> NDArray[np.float64]:
