@@ -54,7 +54,7 @@ def panel(run: RunFiles) -> list[Block]:
         "Duty cycle: the share of the time that a heater is on. By chance: beside its interval, as one in twenty of a "
         "right model is. Outside: too far off for a right model, all heaters together."
     )
-    if _is_sampled(found):
+    if any(map(_is_sampled, found)):
         words += (
             " Measured and predicted: of the samples whose status is known, as of passes. Whole window: of all of its "
             "time, as an energy budget needs it; it is predicted alone."
@@ -64,25 +64,22 @@ def panel(run: RunFiles) -> list[Block]:
 
 def table(found: list[Duty]) -> Table:
     """A row for each heater and window."""
-    rows, sampled = [], _is_sampled(found)
+    rows = []
     for own in found:
         verdict: str = "not measured"
         if np.isfinite(own.measured):
             verdict = _CELLS[own.where]
-        mean, lower, upper = own.whole
-        rows.append(
-            [own.heater, own.window, percent(own.measured), percent(own.mean),
-             f"{percent(own.lower)} to {percent(own.upper)}",
-             *([f"{percent(mean)} ({percent(lower)} to {percent(upper)})"] if sampled else []), verdict]
-        )  # fmt: skip
-    whole = ("whole window",) if sampled else ()
-    names = ("heater", "window", "measured", "predicted", "95% interval", *whole, "in words")
-    return Table(names, rows, (2, 3, 4, 5) if sampled else (2, 3, 4))
+        interval = f"{percent(own.lower)} to {percent(own.upper)}"
+        if _is_sampled(own):
+            mean, lower, upper = map(percent, own.whole)
+            interval += f"\nwhole window {mean} ({lower} to {upper})"
+        rows.append([own.heater, own.window, percent(own.measured), percent(own.mean), interval, verdict])
+    return Table(("heater", "window", "measured", "predicted", "95% interval", "in words"), rows, (2, 3, 4))
 
 
-def _is_sampled(found: list[Duty]) -> bool:
-    """Whether the samples of known status are not as the whole windows."""
-    return any(abs(own.whole[0] - own.mean) > _ELSEWHERE for own in found)
+def _is_sampled(own: Duty) -> bool:
+    """Whether the samples of known status are not as the whole window."""
+    return abs(own.whole[0] - own.mean) > _ELSEWHERE
 
 
 def duties(run: RunFiles) -> list[Duty]:
