@@ -13,7 +13,7 @@ PROJECT = Path(__file__).parents[1]
 TOWER = [
     *("cli", "commands", "check", "report", "validation", "prediction", "emulation", "calibration", "problem"),
     *("reduction", "campaign", "external", "operational", "probability", "simulator", "telemetry", "environment"),
-    *("scenario", "run", "progress", "errors", "compiled"),
+    *("scenario", "run", "words", "progress", "errors", "compiled"),
 ]
 """From the roof to the ground: a room imports only rooms that stand after it."""
 ROOMS = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import Calibrated, PriorScore
-from flightcal.report import tables
 from flightcal.report.panels import (
     calibrated,
     convergence,
@@ -159,12 +158,6 @@ def test_heaters_without_simulations_still_have_telemetry_and_the_genetic_algori
     rows = heaters.against_telemetry({"test": bare}).rows
     assert {row[9] for row in rows} == {"–"}
     assert np.isfinite([float(row[6]) for row in rows]).all()
-
-
-def test_intervals_have_as_many_decimals_as_their_width_asks_for():
-    assert tables.interval(0.42013, 0.41252, 0.42761) == "0.4201 [0.4125, 0.4276]"
-    assert tables.interval(293.1234, 293.1231, 293.1239) == "293.12340 [293.12310, 293.12390]"
-    assert tables.interval(np.nan, np.nan, np.nan) == "–"
 
 
 def test_a_transform_that_is_not_known_is_not_called_good():

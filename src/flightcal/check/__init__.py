@@ -1,7 +1,7 @@
 """Checks before sampling: what the data can tell, and whether prior and sampler will get along with them.
 
 Imports: calibration, emulation, environment, errors, probability, problem, progress, report, run, scenario,
-simulator, telemetry.
+simulator, telemetry, words.
 """
 
 from .evaluate import PriorRuns, effort_for

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from ..report import moment, number
 from ..simulator import ICE_POINT, FloatArray
+from ..words import moment, number
 from .samples import noise_of, step_of
 
 _STUCK = 30

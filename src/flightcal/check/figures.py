@@ -26,12 +26,11 @@ from ..report import (
     finish,
     followed,
     heat_map,
-    labelled,
-    number,
     polygons,
     scatter,
     time_canvas,
 )
+from ..words import labelled, number
 from .identifiability import UNTOLD, Identifiability
 from .prior_predictive import Bands
 from .profile import DROP, Profile

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..report import listed, moment, number
 from ..simulator import FloatArray
+from ..words import listed, moment, number
 from .samples import noise_of
 from .wrongs import Words
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..environment import slew_begins, sunlit_share
-from ..report import number
 from ..scenario import AttitudeTimeline
 from ..simulator import FloatArray
+from ..words import number
 from .comparison import INFERRED
 from .view import View
 

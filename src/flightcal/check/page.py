@@ -20,10 +20,8 @@ from ..report import (
     block,
     compose,
     figure_correlation,
-    listed,
-    number,
-    percent,
 )
+from ..words import listed, number, percent
 from . import figures as draw
 from .findings import Checked, times, verdict_of
 from .heat import ALIKE, WIDER, BesideHeat

@@ -10,9 +10,9 @@ import xarray
 from numpy.typing import NDArray
 
 from ..problem import Window, pinned_heaters
-from ..report import number
 from ..scenario import Scenario, SimulatorModel
 from ..simulator import ICE_POINT, FloatArray
+from ..words import number
 from .comparison import known_thermostats
 from .samples import noise_of
 from .wrongs import Words

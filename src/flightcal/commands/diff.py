@@ -152,7 +152,7 @@ def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> Non
 def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> None:
     from rich.markup import escape
 
-    from ..report import interval
+    from ..words import interval
     from .kept import chosen
 
     title = "Parameters, mean [95%], and B - A in deviations"

@@ -112,7 +112,7 @@ def parameter_table(parameters: Sequence[Calibrated], console: Console) -> Table
 
 
 def _parameter_table(parameters: Sequence[Calibrated], beside: bool) -> Table:
-    from ..report import interval
+    from ..words import interval
 
     is_known = any(own.considered is not None for own in parameters)
     where = "" if beside else " below it"

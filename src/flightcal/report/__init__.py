@@ -1,6 +1,6 @@
 """The report of a run directory: one HTML page with figures, tables and a verdict, readable offline.
 
-Imports: calibration, errors, prediction, probability, run, scenario, simulator, validation.
+Imports: calibration, errors, prediction, probability, run, scenario, simulator, validation, words.
 """
 
 from .backtest_page import write_backtest
@@ -12,8 +12,7 @@ from .in_short import in_short
 from .page import compose, write_report
 from .run_files import ParameterInfo, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
-from .tables import Cell, Table, interval
-from .text import labelled, listed, moment, number, percent, unit
+from .tables import Cell, Table
 from .thinning import break_lines, extremes, followed
 from .validation_page import write_validation
 from .verdict import Verdict, verdict_of

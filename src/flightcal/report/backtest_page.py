@@ -12,6 +12,7 @@ from ..errors import RunError
 from ..prediction import HELD
 from ..run import read_tree, write_text
 from ..validation import ALL, ahead
+from ..words import count, duration, listed, moment, number, percent
 from . import block
 from .block import Block, Section
 from .findings import Finding
@@ -32,7 +33,6 @@ from .style import (
     small_titles,
 )
 from .tables import Cell, Table
-from .text import count, duration, listed, moment, number, percent
 from .thinning import extremes, followed
 from .windows import broken, column, names
 

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..run import write_text
+from ..words import number, percent
 from . import block
 from .block import Block, Section
 from .findings import Finding
 from .page import compose
 from .run_files import Record, read_content
 from .tables import Cell, Table
-from .text import number, percent
 
 WORDS = {
     "heat": "heat that the model does not know of, the default",

@@ -22,13 +22,13 @@ from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
 
 from ..run import write_text
+from ..words import moment, without_paths
 from .block import Part, Section
 from .findings import Finding
 from .masking import REMARK, masked
 from .panels import first_screen, parts
 from .run_files import RunFiles, read_run
 from .style import DARK, TEMPLATE
-from .text import moment, without_paths
 from .verdict import Verdict, verdict_of
 
 FINE: Final = 3

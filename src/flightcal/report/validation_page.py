@@ -13,6 +13,7 @@ from plotly.subplots import make_subplots
 
 from ..run import write_text
 from ..validation import Band, ecdf, ecdf_band, joint
+from ..words import count, duration, listed, number, percent
 from . import block
 from .block import Section
 from .findings import Finding
@@ -20,7 +21,6 @@ from .page import compose
 from .run_files import Record, read_content
 from .style import LINE, STATUS_FILL, STOCHASTIC, WARNING, band, finish, plots, small_titles
 from .tables import Cell, Table
-from .text import count, duration, listed, number, percent
 
 COLUMNS = 3
 ROW_HEIGHT = 140

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
+from ..words import listed
 from .findings import (
     ORDER,
     Finding,
@@ -34,7 +35,6 @@ from .findings import (
 )
 from .panels.parameters import MOST_NAMED
 from .run_files import RunFiles
-from .text import listed
 
 CONVERGED: Final = "Did the sampling converge?"
 RIGHT: Final = "Is the model right for this telemetry?"

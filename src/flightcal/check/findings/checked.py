@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...report import ParameterInfo, number, unit
+from ...report import ParameterInfo
+from ...words import number, unit
 from ..centre import Centre
 from ..heat import BesideHeat
 from ..identifiability import Identifiability

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ...report import Finding, listed, percent
+from ...report import Finding
+from ...words import listed, percent
 from ..heat import ALIKE, BesideHeat, Imitated, Kind
 
 _TELLS: dict[Kind, str] = {

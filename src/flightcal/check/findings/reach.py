@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ...report import Finding, listed, number, percent
+from ...report import Finding
+from ...words import listed, number, percent
 from ..prior_predictive import EDGE, ChannelReach
 from .checked import Checked
 

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from ...report import Finding, listed, percent
+from ...report import Finding
+from ...words import listed, percent
 from ..evaluate import runs_for_draws
 from ..profile import Profile
 from ..sensitivity import LIKELIHOOD

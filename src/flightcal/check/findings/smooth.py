@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...report import Finding, listed, moment, number
+from ...report import Finding
+from ...words import listed, moment, number
 from ..smoothness import REACH, TOLERANCE, Jump
 from .checked import Checked
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...report import Finding, listed, number, percent
+from ...report import Finding
+from ...words import listed, number, percent
 from ..identifiability import BLIND, Combination, Move
 from .checked import Checked
 

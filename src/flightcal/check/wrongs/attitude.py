@@ -12,7 +12,6 @@ import numpy as np
 from scipy.signal import lombscargle
 from scipy.spatial.transform import Rotation
 
-from ...report import number
 from ...scenario import (
     AlignedAttitude,
     AttitudeTimeline,
@@ -24,6 +23,7 @@ from ...scenario import (
     Target,
 )
 from ...simulator import FloatArray
+from ...words import number
 from ..view import View
 from . import normals
 from .wrong import Words, Wrong, attitude_of, closer, driven_otherwise, elsewhere, minutes, off, span_of

@@ -8,9 +8,9 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from ...report import listed, number
 from ...scenario import Scenario, SimulatorModel
 from ...simulator import ICE_POINT, FloatArray
+from ...words import listed, number
 from ..comparison import Comparison
 from ..evidence import Fit, Scale
 from ..view import Moved, View

@@ -12,9 +12,9 @@ import numpy as np
 
 from ...errors import FlightcalError
 from ...problem import Window, pinned_nodes
-from ...report import listed, number
 from ...scenario import SpinningAttitude
 from ...simulator import FloatArray
+from ...words import listed, number
 from ..comparison import Comparison
 from ..sunlight import FINE, REACH, ZONES
 from ..view import View

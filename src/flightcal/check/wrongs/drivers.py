@@ -11,9 +11,9 @@ import numpy as np
 
 from ...errors import FlightcalError
 from ...problem import Window
-from ...report import number
 from ...scenario import Heat, Load, load_coefficient
 from ...simulator import FloatArray
+from ...words import number
 from ..evidence import Fit
 from ..sunlight import FINE
 from ..view import View, pieces

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...problem import Window
-from ...report import listed
 from ...scenario import FaceNormal, Scenario, SunTracking, spins_fast
 from ...simulator import FloatArray, flux_kinds
+from ...words import listed
 from ..view import View
 from .normals import (
     ALONG,

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...report import listed, number
 from ...simulator import FloatArray
 from ...telemetry import status_or_unknown
+from ...words import listed, number
 from ..evidence import Fit
 from ..view import View, pieces
 from .wrong import LACKED, PIECES, SHIFTS, Words, Wrong, driven_otherwise, flow_through, minutes, off, status_channels

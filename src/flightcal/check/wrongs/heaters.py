@@ -9,9 +9,9 @@ from itertools import combinations
 
 import numpy as np
 
-from ...report import number
 from ...simulator import FloatArray
 from ...telemetry import status_fraction
+from ...words import number
 from ..comparison import known_thermostats
 from ..evidence import Fit
 from ..view import View

@@ -10,9 +10,9 @@ from itertools import product
 import numpy as np
 
 from ...problem import PIN, Window
-from ...report import listed, number
 from ...scenario import Face, FaceNormal
 from ...simulator import FloatArray, IntArray, ParameterMap, build_network
+from ...words import listed, number
 from ..view import NO_LINK, View
 from .normals import WAYS, Shone, behind, looking, put_on, shone_on, times_of, turnable, written
 from .wrong import Words, Wrong

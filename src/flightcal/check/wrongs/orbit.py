@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ...environment import orbital_period
-from ...report import listed
 from ...scenario import AttitudeTimeline, CircularOrbit, Earth, KeplerianOrbit, Orbit, SampledAttitude, TleOrbit
 from ...simulator import FloatArray
+from ...words import listed
 from ..sunlight import ZONES
 from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, elsewhere, minutes

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FlightcalError
-from ...report import listed
 from ...scenario import AttitudeChange, AttitudeTimeline, spins_fast
 from ...simulator import FloatArray
+from ...words import listed
 from ..view import View, pieces
 from .wrong import Words, Wrong, attitude_of, driven_otherwise, elsewhere, shine, span_of
 

@@ -10,9 +10,9 @@ from itertools import combinations, product
 import numpy as np
 
 from ...problem import PIN
-from ...report import listed, number
 from ...scenario import OF_EARTH_AND_SUN, Environment
 from ...simulator import ICE_POINT, FloatArray
+from ...words import listed, number
 from ..evidence import Fit
 from ..view import NO_LINK, SHARES, Moved, View
 from .wrong import AROUND, FACTORS, FEW_TIMES, Words, Wrong

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from ...words import listed
 from ..panels.parameters import shortened
-from ..text import listed
 
 State = Literal["good", "warn", "bad", "none"]
 ORDER: Final[tuple[State, ...]] = ("good", "none", "warn", "bad")

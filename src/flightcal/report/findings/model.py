@@ -12,13 +12,13 @@ from scipy.stats import chi2, norm
 from ...calibration import Calibrated, PriorScore
 from ...probability import INDEPENDENT
 from ...validation import ResidualCheck
+from ...words import duration, listed, number, percent
 from ..panels.discrepancy import STANDS_IN, stand_ins
 from ..panels.duty import duties
 from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats, state
 from ..panels.parameters import MOST_NAMED, WIDER, shortened, widened
 from ..panels.residuals import TESTED, assumption, channels, correlation_expected, noises
 from ..run_files import ParameterInfo, RunFiles
-from ..text import duration, listed, number, percent
 from .finding import CHECK, Finding, State, duty_of, value_of
 
 NARROWED = 1.3

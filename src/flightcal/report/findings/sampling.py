@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 
 from ...calibration import LINEAR, OF_EMULATOR
+from ...words import shown, unit
 from ..run_files import Record, RunFiles
-from ..text import shown, unit
 from .finding import AGAIN, Finding, value_of
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from ...calibration import LINEAR
 from ...prediction import Metric
 from ...scenario import is_trained
+from ...words import listed, number, percent
 from ..run_files import STAGES, RunFiles
-from ..text import listed, number, percent
 from .finding import ORDER, Finding
 
 EQUAL = 0.02

@@ -10,12 +10,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...prediction import HELD, Holding
+from ...words import listed, number, percent
 from ..panels.duty import CLOSED, duties
 from ..panels.parameters import shortened
 from ..panels.picture import holdings, wide_intervals
 from ..panels.prediction import unseen, unseen_share
 from ..run_files import RunFiles
-from ..text import listed, number, percent
 from .finding import AGAIN, CHECK, Finding, State, duty_of, temperatures_of
 
 _FEW = 0.85

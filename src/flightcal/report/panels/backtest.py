@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from ...words import number, percent
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
 from ..tables import Table
-from ..text import number, percent
 
 
 @section("backtest", "Backtest")

@@ -8,10 +8,10 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
+from ...words import number
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
-from ..text import number
 from ..windows import draw_status, figure_point, names, window_canvas
 
 VISIBLY = 1.25

@@ -6,11 +6,11 @@ from collections.abc import Collection, Iterable, Mapping
 
 from ...calibration import Calibrated, PriorScore
 from ...prediction import simulator_errors
+from ...words import in_digits, percent, unit
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
-from ..tables import Cell, Table, in_digits
-from ..text import percent, unit
+from ..tables import Cell, Table
 
 SHOWN = ("parameter", "drift")
 MOST_ROWS = 16

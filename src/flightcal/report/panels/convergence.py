@@ -11,12 +11,12 @@ import plotly.graph_objects as go
 import xarray as xr
 from scipy.stats import rankdata
 
+from ...words import count, duration, number, shown, unit
 from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, Record, RunFiles, draws
 from ..style import GENETIC, GENETIC_BEST, LINE, STOCHASTIC, chain_colour, finish, levels, plots, small_titles
 from ..tables import Cell, Table
-from ..text import count, duration, number, shown, unit
 from ..thinning import Array
 
 MOST_TRACES = 6

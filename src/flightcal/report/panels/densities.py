@@ -7,11 +7,11 @@ import plotly.graph_objects as go
 from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 
+from ...words import labelled
 from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, draws
 from ..style import GENETIC, PRIOR, chain_colour, finish
-from ..text import labelled
 from ..thinning import Array
 
 ZOOM = 12.0

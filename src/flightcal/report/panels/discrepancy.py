@@ -9,12 +9,12 @@ import plotly.graph_objects as go
 import xarray as xr
 from numpy.typing import NDArray
 
+from ...words import interval, number, percent
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, draws
 from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, polygons, small_titles, title_below
-from ..tables import Cell, Table, interval
-from ..text import number, percent
+from ..tables import Cell, Table
 from ..windows import names
 from .parameters import contraction
 

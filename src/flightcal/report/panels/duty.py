@@ -8,11 +8,11 @@ from typing import Final, Literal
 import numpy as np
 
 from ...prediction import is_plan
+from ...words import percent
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
 from ..tables import Cell, Table
-from ..text import percent
 
 _ELSEWHERE: Final = 0.02
 """Share of the time, by which a heater is otherwise on in the whole window than in the samples of known status."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ...words import letter
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
-from ..text import letter
 from ..windows import figure_point
 
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
+from ...words import number, percent
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles, draws
 from ..style import BAND, LINE, STOCHASTIC, band, finish, plots, polygons, small_titles, title_below
 from ..tables import Cell, Table
-from ..text import number, percent
 from ..thinning import Array
 
 LARGE, IMPLAUSIBLE = 0.1, 0.3

@@ -9,12 +9,12 @@ import numpy as np
 import xarray as xr
 
 from ...prediction import Metric, implied_energy, values_of
+from ...words import count, interval, listed, number, percent, signed_percent
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles
 from ..style import method
-from ..tables import Cell, Table, interval
-from ..text import count, listed, number, percent, signed_percent
+from ..tables import Cell, Table
 
 
 @section("heaters", "Heaters in full")

@@ -9,12 +9,12 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from ...words import listed, unit
 from .. import block
 from ..block import Block, section
 from ..heat_map import figure_correlation
 from ..run_files import ParameterInfo, RunFiles, draws
 from ..style import STOCHASTIC, WARNING, finish
-from ..text import listed, unit
 from ..thinning import Array
 
 MOST_PAIRS = 8

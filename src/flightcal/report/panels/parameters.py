@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...words import count, interval, listed, number, percent, unit
 from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, draws
-from ..tables import Cell, Table, interval
-from ..text import count, listed, number, percent, unit
+from ..tables import Cell, Table
 
 EDGE = 0.2
 """Share of the posterior in the prior's outer 5% above which it is called pressed against the prior's edge."""

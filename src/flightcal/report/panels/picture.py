@@ -9,10 +9,10 @@ import xarray as xr
 
 from ...prediction import Holding, crps_of_draws, hold_together, replicates_of
 from ...simulator import FloatArray
+from ...words import percent
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
-from ..text import percent
 from ..windows import Heights, names
 from .duty import duties
 from .prediction import figure_stochastic

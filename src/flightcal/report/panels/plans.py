@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 
 from ...prediction import Extreme, extremes, is_plan
+from ...words import number
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
 from ..tables import Cell, Table
-from ..text import number
 from ..windows import CELSIUS, degrees
 from .picture import HEIGHTS
 from .prediction import figure_stochastic, unseen

@@ -11,11 +11,11 @@ import xarray as xr
 
 from ...prediction import ANY
 from ...scenario import is_trained
+from ...words import letter, percent
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
 from ..style import BAND, MODEL_BAND, STOCHASTIC, WARNING, band, polygons
-from ..text import letter, percent
 from ..thinning import followed
 from ..windows import (
     CELSIUS,

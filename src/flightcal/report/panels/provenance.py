@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from ...words import duration, moment
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles
 from ..tables import Table
-from ..text import duration, moment
 
 
 @section("provenance", "Provenance")

@@ -19,12 +19,12 @@ from ...validation import (
     probability_integral_transform,
     uniformity,
 )
+from ...words import chance, count, number
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, has_prediction
 from ..style import STATUS_FILL, STOCHASTIC, band, finish, levels, plots, small_titles
 from ..tables import Cell, Table
-from ..text import chance, count, number
 from ..windows import names
 
 ROW_HEIGHT = 150

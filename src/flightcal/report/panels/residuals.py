@@ -12,12 +12,12 @@ from scipy.stats import norm
 
 from ...probability import INDEPENDENT, called
 from ...validation import ResidualCheck, autocorrelation, nominal_spacing
+from ...words import chance, count, listed, number
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins
 from ..style import GENETIC, PRIOR, STOCHASTIC, band, finish, levels, plots, small_titles
 from ..tables import Cell, Table
-from ..text import chance, count, listed, number
 from ..thinning import extremes
 from ..windows import names, shade_eclipse, time_canvas
 

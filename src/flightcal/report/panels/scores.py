@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from itertools import chain
 
 from ...prediction import GENETIC_RUNS, Metric, comparison_table, values_of
+from ...words import count, number, percent
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
 from ..style import method
 from ..tables import Cell, Table
-from ..text import count, number, percent
 
 _ERRORS = {"rmse": "RMSE, K", "mape_kelvin": "MAPE, % of kelvin", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K"}
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from ...words import count, moment, percent
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles
 from ..tables import Table
-from ..text import count, moment, percent
 
 
 @section("telemetry", "Telemetry quality")

@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from flightcal.report.text import (
+from flightcal.words import (
     count,
     duration,
+    interval,
     labelled,
     listed,
     number,
@@ -85,3 +86,9 @@ def test_durations_and_lists_read_as_words():
 )
 def test_a_path_is_told_by_its_last_step(text, told):
     assert without_paths(text, ["/home/ana lee/sat 1/telemetry.csv", "telemetry.csv", "/home/john", "/"]) == told
+
+
+def test_intervals_have_as_many_decimals_as_their_width_asks_for():
+    assert interval(0.42013, 0.41252, 0.42761) == "0.4201 [0.4125, 0.4276]"
+    assert interval(293.1234, 293.1231, 293.1239) == "293.12340 [293.12310, 293.12390]"
+    assert interval(math.nan, math.nan, math.nan) == "–"

@@ -1,4 +1,4 @@
-"""Numbers, units and names as the report writes them."""
+"""Numbers, units and names as people read them."""
 
 from __future__ import annotations
 
@@ -113,3 +113,19 @@ def shown(value: object) -> str:
 def letter(index: int, items: Sized) -> str:
     """``a``, ``b``, ... of a figure that is one of several; nothing of one alone."""
     return chr(ord("a") + index % 26) if len(items) > 1 else ""
+
+
+def interval(middle: float, low: float, high: float) -> str:
+    """``0.4213 [0.4131, 0.4298]``, all with the significant digits that the width asks for."""
+    shown, lower, upper = in_digits(low, high, middle, low, high)
+    return "–" if lower == "–" else f"{shown} [{lower}, {upper}]"
+
+
+def in_digits(low: float, high: float, *values: float) -> list[str]:
+    """Values with the digits that the width from `low` to `high` asks for; dashes where it is not known."""
+    width = high - low
+    if not math.isfinite(width):
+        return ["–"] * len(values)
+    largest = max(abs(low), abs(high), 1e-300)
+    digits = 4 if width <= 0 else min(max(math.ceil(math.log10(largest / width)) + 2, 3), 8)
+    return [number(value, digits) for value in values]
