@@ -22,29 +22,15 @@ from tests import small
 from tests.commands.test_calibrate import write
 
 run = CliRunner().invoke
-COMMANDS = (
-    "demo",
-    "init",
-    "lint",
-    "schema",
-    "simulate",
-    "calibrate",
-    "campaign",
-    "report",
-    "validate",
-    "compare",
-    "show",
-    "diff",
-)
 
 
 def test_help_lists_every_command():
     result = run(app, ["--help"])
     assert result.exit_code == 0
-    assert all(command in result.output for command in COMMANDS)
+    assert all(command in result.output for command in cli.VERBS)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", cli.VERBS)
 def test_help_of_a_command_has_an_example(command):
     result = run(app, [command, "--help"])
     assert result.exit_code == 0

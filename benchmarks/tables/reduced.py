@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from flightcal.commands.calibrate import DEMO
+from flightcal.commands.demo import DEMO
 from flightcal.problem import Problem, build_problem
 from flightcal.reduction import scenario_of
 from flightcal.scenario import Window, load_scenario

@@ -17,25 +17,25 @@ import typer
 
 from .errors import GATE_FAILED, INTERRUPTED, MODEL_FAILED, USER_ERROR, WITH_LIMITS, FlightcalError
 
-VERBS: Final = {
-    "demo": "calibrate",
-    "init": "init",
-    "lint": "lint",
-    "schema": "schema",
-    "simulate": "simulate",
-    "calibrate": "calibrate",
-    "check": "check",
-    "fly": "fly",
-    "reduce": "reduce",
-    "report": "report",
-    "show": "show",
-    "diff": "diff",
-    "campaign": "campaign",
-    "compare": "compare",
-    "validate": "validate",
-    "backtest": "backtest",
-}
-"""Verb -> its module in `commands`, which has a function of the verb's name: its signature is what the user types."""
+VERBS: Final = (
+    "demo",
+    "init",
+    "lint",
+    "schema",
+    "simulate",
+    "calibrate",
+    "check",
+    "fly",
+    "reduce",
+    "report",
+    "show",
+    "diff",
+    "campaign",
+    "compare",
+    "validate",
+    "backtest",
+)
+"""Each is a module in `commands` with a function of its name, whose signature is what the user types."""
 
 _PIPE_CLOSED = 141
 """Exit code of what writes to a program that has ended: 128 and SIGPIPE, as of other programs."""
@@ -101,15 +101,15 @@ def _user_errors_are_messages(command: Callable[..., None]) -> Callable[..., Non
     return wrapped
 
 
-def _add(verb: str, module: str) -> None:
+def _add(verb: str) -> None:
     """The last paragraph of a command's docstring is its example, which stands below the options."""
-    command = getattr(import_module(f".commands.{module}", __package__), verb)
+    command = getattr(import_module(f".commands.{verb}", __package__), verb)
     text, _, example = (command.__doc__ or "").rpartition("\n\n")
     app.command(verb, help=text, epilog=example.strip())(_user_errors_are_messages(command))
 
 
-for _verb, _module in VERBS.items():
-    _add(_verb, _module)
+for _verb in VERBS:
+    _add(_verb)
 
 
 def main() -> None:

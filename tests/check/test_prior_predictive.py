@@ -65,6 +65,18 @@ def test_noise_is_at_no_edge_where_it_stands_for_unmodelled_heat(tmp_path, heat,
     assert [own.name for own in found_for(problem, centre, 20).pressed] == pressed
 
 
+@pytest.mark.parametrize(
+    "prior", [{"half_normal": "2 K"}, {"half_student_t": {"scale": "2 K", "degrees_of_freedom": 3}}]
+)
+def test_noise_near_zero_is_at_no_edge_of_a_prior_whose_mode_is_there(tmp_path, prior):
+    content = small.content()
+    content["observations"]["body_temp"]["noise"] = prior
+    problem = build_problem(*small.closed_loop(tmp_path, content))
+    medians = dict(zip(problem.names, problem.priors.median(), strict=True))
+    centre = centre_at(problem, **(medians | {"noise.body_temp": 1e-4}))
+    assert found_for(problem, centre, 20).pressed == ()
+
+
 def test_noise_alone_puts_no_telemetry_out_of_reach():
     tight = {name: Normal(mean=0.0, standard_deviation=0.02) for name in PRIORS}
     problem = formula_problem(tight, levels, EXACT)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightcal.commands.calibrate import DEMO
+from flightcal.commands.demo import DEMO
 from flightcal.errors import FlightcalError, RunError
 from flightcal.reduction import folder as module
 from flightcal.reduction.folder import CERTIFICATE, MODEL_FILE, reduce_to_folder, scenario_of

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.commands.calibrate import DEMO
+from flightcal.commands.demo import DEMO
 from flightcal.errors import ScenarioError
 from flightcal.reduction.storage import load, save
 

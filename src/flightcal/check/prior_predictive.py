@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..problem import Problem, Window
-from ..scenario import heat_of
+from ..scenario import HalfNormal, HalfStudentT, heat_of
 from ..simulator import FloatArray, SimulationFailure, Trajectory
 from .centre import Centre
 from .evaluate import ManyRuns
@@ -191,7 +191,7 @@ def _pressed(problem: Problem, centre: Centre) -> tuple[Pressed, ...]:
     for k, name in enumerate(problem.names):
         if with_heat and problem.entries[k].kind == "noise":
             continue
-        one_sided = problem.priors.priors[k].kind == "half_normal"
+        one_sided = isinstance(problem.priors.priors[k], (HalfNormal, HalfStudentT))
         if theta[k] > upper[k] or (theta[k] < lower[k] and not one_sided):
             found.append(Pressed(name, float(theta[k]), _probability_below(problem, k, float(theta[k]))))
     return tuple(found)

@@ -25,7 +25,21 @@ from scipy.special import betaincinv, betaln, erfinv, expit, gammaln, logit, ndt
 
 from ..compiled import Row
 from ..scenario import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, Uniform
-from .kernels.priors import NDTRI, TINY, PriorsCall, evaluate
+from .kernels.priors import (
+    BETA,
+    HALF_NORMAL,
+    HALF_STUDENT_T,
+    LOG_NORMAL,
+    NDTRI,
+    NORMAL,
+    SIGNED_NORMAL,
+    SIGNED_T,
+    TINY,
+    TRUNCATED,
+    UNIFORM,
+    PriorsCall,
+    evaluate,
+)
 
 Array = NDArray[np.float64]
 
@@ -153,23 +167,21 @@ class Priors:
         """A function of each family, evaluated once on all the family's parameters together."""
         values = np.asarray(values, float)
         result = np.empty(values.shape)
-        for kind, family in enumerate(_FAMILIES.values()):
-            index = np.flatnonzero(self.kinds == kind)
+        for family in _FAMILIES.values():
+            index = np.flatnonzero(self.kinds == family.code)
             if len(index):
                 result[..., index] = getattr(family, function)(values[..., index], *self.arguments[index].T)
         return result
 
     @cached_property
     def kinds(self) -> NDArray[np.int64]:
-        """[d] place of each prior's family in `_FAMILIES`."""
-        families = list(_FAMILIES)
-        return np.array([families.index(type(prior)) for prior in self.priors], np.int64)
+        """[d] each prior's family, as the kernels number them."""
+        return np.array([_FAMILIES[type(prior)].code for prior in self.priors], np.int64)
 
     @cached_property
     def bounded(self) -> NDArray[np.int64]:
         """Places of the priors that are bounded from both sides."""
-        families = list(_FAMILIES.values())
-        return np.array([k for k, kind in enumerate(self.kinds) if families[kind].bounded], np.int64)
+        return np.array([k for k, prior in enumerate(self.priors) if _FAMILIES[type(prior)].bounded], np.int64)
 
     @cached_property
     def arguments(self) -> Array:
@@ -188,6 +200,8 @@ class Priors:
 class _Family:
     """The functions of one kind of prior; each takes values [..., k] and `arguments`, [k] and as many as any has."""
 
+    code: int
+    """By which the kernels know it."""
     arguments: Callable[[Any], tuple[float, ...]]
     to_z: Callable[..., Array]
     # By default z is N(0, 1) under the prior.
@@ -257,36 +271,43 @@ def _beta_to_z(theta: Array, alpha: Array, beta: Array, lower: Array, upper: Arr
 
 _FAMILIES: dict[type, _Family] = {
     Uniform: _Family(
+        code=UNIFORM,
         arguments=lambda prior: (prior.lower, prior.upper),
         to_z=lambda theta, lower, upper, *_: _score(*_shares(theta, lower, upper)),
         bounded=True,
     ),
     Normal: _Family(
+        code=NORMAL,
         arguments=lambda prior: (prior.mean, prior.standard_deviation),
         to_z=lambda theta, mean, deviation, *_: (theta - mean) / deviation,
     ),
     TruncatedNormal: _Family(
+        code=TRUNCATED,
         arguments=_truncated_arguments,
         to_z=_truncated_to_z,
         bounded=True,
     ),
     LogNormal: _Family(
+        code=LOG_NORMAL,
         arguments=lambda prior: (np.log(prior.median), np.log(prior.factor)),
         to_z=lambda theta, mean, deviation, *_: (np.log(theta) - mean) / deviation,
     ),
     HalfNormal: _Family(
+        code=HALF_NORMAL,
         arguments=lambda prior: (prior.scale,),
         to_z=lambda theta, scale, *_: np.log(theta / scale),
         precision=lambda z, scale, *_: 2.0 * np.exp(2.0 * z),
         quantile=lambda p, scale, *_: np.log(np.sqrt(2.0) * erfinv(p)),
     ),
     HalfStudentT: _Family(
+        code=HALF_STUDENT_T,
         arguments=_student_arguments,
         to_z=lambda theta, scale, *_: np.log(theta / scale),
         precision=_student_precision,
         quantile=_student_quantile,
     ),
     Beta: _Family(
+        code=BETA,
         arguments=lambda prior: (prior.alpha, prior.beta, prior.lower, prior.upper, betaln(prior.alpha, prior.beta)),
         to_z=_beta_to_z,
         precision=lambda z, alpha, beta, *_: (alpha + beta) * expit(z) * expit(-z),
@@ -294,11 +315,13 @@ _FAMILIES: dict[type, _Family] = {
         bounded=True,
     ),
     SignedHalfNormal: _Family(
+        code=SIGNED_NORMAL,
         arguments=lambda prior: (prior.scale,),
         to_z=lambda theta, scale, *_: theta / scale,
         quantile=lambda p, scale, *_: np.sqrt(2.0) * erfinv(p),
     ),
     SignedHalfStudentT: _Family(
+        code=SIGNED_T,
         arguments=_student_arguments,
         to_z=lambda theta, scale, *_: np.arcsinh(theta / scale),
         precision=_signed_student_precision,

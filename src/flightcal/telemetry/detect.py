@@ -19,7 +19,7 @@ from .columns import FoundColumn, column_of, fahrenheit, may_be_word, parts_of
 from .layout import is_meant_by, one_parameter, readings_of, units_column, valid_where
 from .modes import FoundModes, activities_in, both, modes_in, start_and_end
 from .read import without_empty_rows
-from .readers import Parquet, Source, locate, read_table, sheets
+from .readers import Source, locate, read_table, sheets
 from .readings import names_of, typed
 from .time_columns import LOOKED_AT, coarse_of, fine_of, is_called_time, time_of
 
@@ -164,7 +164,7 @@ def _packet_below_title(file: Path, source: Source) -> FoundPacket:
         if header is None and (is_whole or (packet.modes and packet.modes.of_activities)):
             return packet  # no row looks like the end of a title
         found.append(packet)
-        if isinstance(source.reader, Parquet):
+        if not source.reader.has_header:
             break
     if not found:
         assert refusal is not None  # nothing was found, and each time it was told why

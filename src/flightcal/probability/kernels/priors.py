@@ -11,8 +11,8 @@ from numba.extending import get_cython_function_address, intrinsic
 
 from ...compiled import inlined, kernel
 
-_UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _HALF_STUDENT_T, _BETA, _SIGNED_NORMAL, _SIGNED_T = range(9)
-"""Families, in the order of `priors._FAMILIES`."""
+UNIFORM, NORMAL, TRUNCATED, LOG_NORMAL, HALF_NORMAL, HALF_STUDENT_T, BETA, SIGNED_NORMAL, SIGNED_T = range(9)
+"""Families; `probability/priors.py` says what each is."""
 TINY = 1e-300
 """Smallest argument of the normal quantile function: it and its derivative are finite there."""
 _LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
@@ -24,7 +24,7 @@ class PriorsCall(NamedTuple):
     """Priors of d parameters, at S points."""
 
     kinds: Any
-    """[d] place of the family."""
+    """[d] the family."""
     arguments: Any
     """[d, most] what the family computes with."""
     tilt: Any
@@ -69,21 +69,21 @@ def evaluate(call):
             value, rate = scaled(kind, given, quantile, score)
             # By default z is N(0, 1) under the prior.
             density, derivative = -0.5 * score * score - _LOG_ROOT_2_PI, -score
-            if kind == _HALF_NORMAL:
+            if kind == HALF_NORMAL:
                 square = math.exp(2.0 * score)
                 density = 0.5 * math.log(2.0 / math.pi) - 0.5 * square + score
                 derivative = 1.0 - square
-            elif kind == _HALF_STUDENT_T:
+            elif kind == HALF_STUDENT_T:
                 freedom, square = given[1], math.exp(2.0 * score)
                 density = given[2] - 0.5 * (freedom + 1.0) * math.log1p(square / freedom) + score
                 derivative = 1.0 - (freedom + 1.0) * square / (freedom + square)
-            elif kind == _SIGNED_T:
+            elif kind == SIGNED_T:
                 # Of a Student's t, of which the half is folded over.
                 freedom, sine, cosine = given[1], math.sinh(score), math.cosh(score)
                 density = given[2] - math.log(2.0) - 0.5 * (freedom + 1.0) * math.log1p(sine * sine / freedom)
                 density += math.log(cosine)
                 derivative = sine / cosine - (freedom + 1.0) * sine * cosine / (freedom + sine * sine)
-            elif kind == _BETA:
+            elif kind == BETA:
                 alpha, beta = given[0], given[1]
                 share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
                 density = -alpha * _softplus(-score) - beta * _softplus(score) - given[4]
@@ -103,13 +103,13 @@ def evaluate(call):
 @inlined
 def scaled(kind, given, quantile, score):
     """Theta of a family at a score, and its slope."""
-    if kind == _UNIFORM:
+    if kind == UNIFORM:
         lower, upper = given[0], given[1]
         value = min(max(lower + (upper - lower) * _below(score), lower), upper)
         rate = (upper - lower) * _bell(score)
-    elif kind == _NORMAL:
+    elif kind == NORMAL:
         value, rate = given[0] + given[1] * score, given[1]
-    elif kind == _TRUNCATED:
+    elif kind == TRUNCATED:
         mean, deviation, lower, upper = given[0], given[1], given[2], given[3]
         below_lower, below_upper, above_lower, above_upper = given[4], given[5], given[6], given[7]
         below = below_lower + (below_upper - below_lower) * _below(score)
@@ -121,17 +121,17 @@ def scaled(kind, given, quantile, score):
         mass = above_lower - above_upper if above_lower < below_upper else below_upper - below_lower
         value = min(max(mean + deviation * x, lower), upper)
         rate = deviation * mass * _bell(score) / _bell(x)
-    elif kind == _LOG_NORMAL:
+    elif kind == LOG_NORMAL:
         value = math.exp(given[0] + given[1] * score)
         rate = given[1] * value
-    elif kind == _BETA:
+    elif kind == BETA:
         lower, upper = given[2], given[3]
         share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
         value = lower + (upper - lower) * share
         rate = (upper - lower) * share * rest
-    elif kind == _SIGNED_NORMAL:
+    elif kind == SIGNED_NORMAL:
         value, rate = given[0] * abs(score), math.copysign(given[0], score)
-    elif kind == _SIGNED_T:
+    elif kind == SIGNED_T:
         value = given[0] * abs(math.sinh(score))
         rate = math.copysign(given[0] * math.cosh(score), score)
     else:

@@ -11,7 +11,7 @@ from ..document import Issue
 from ..network import Heater
 from ..numbers import Settable
 from ..parameters import set_twice
-from ..priors import HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, support
+from ..priors import LogNormal, Normal, Prior, TruncatedNormal, support
 from ..reading import Reading
 from ..schema import Parameter, is_difference
 from ..units import celsius
@@ -59,7 +59,7 @@ def _prior_problem(parameter: Parameter, numbers: Mapping[str, Settable]) -> str
 def _set_problem(path: str, prior: Prior, number: Settable) -> str | None:
     lower, upper = _ends(prior, 1.0, number)
     if _is_absolute_temperature(path, number):
-        if isinstance(prior, (LogNormal, HalfNormal, HalfStudentT)):
+        if support(prior) == (0.0, math.inf):
             return f"found a {prior.kind} prior of a temperature, expected normal, truncated_normal or uniform"
         # The tail of a normal prior below absolute zero has no weight.
         lower = number.lower if math.isinf(lower) else lower

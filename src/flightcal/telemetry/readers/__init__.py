@@ -53,9 +53,9 @@ def locate(folder: Path, name: str, sheet: str | None = None, header: int | None
         raise TelemetryError(f"{name}: found no such file, expected a telemetry file{hint}")
     for reader in READERS:
         if name.lower().endswith(reader.suffixes):
-            if sheet is not None and not isinstance(reader, Excel):
+            if sheet is not None and not reader.has_sheets:
                 raise TelemetryError(f"{name}: found sheet '{sheet}', expected none: it is {reader.kind}")
-            if header is not None and isinstance(reader, Parquet):
+            if header is not None and not reader.has_header:
                 raise TelemetryError(f"{name}: found header {header}, expected none: it is {reader.kind}")
             return Source(path, name, reader, sheet, header)
     expected = ", ".join(suffix for reader in READERS for suffix in reader.suffixes)
@@ -65,7 +65,7 @@ def locate(folder: Path, name: str, sheet: str | None = None, header: int | None
 def sheets(source: Source) -> list[str]:
     """Names of a spreadsheet's sheets; none for another file. Raises TelemetryError."""
     _check_kind(source)
-    return _sheets_of_workbook(source) if isinstance(source.reader, Excel) else []
+    return _sheets_of_workbook(source) if source.reader.has_sheets else []
 
 
 def read_table(source: Source, text_columns: Collection[str], markers: Collection[str] = ()) -> pa.Table:

@@ -30,6 +30,14 @@ class Reader(Protocol):
         """Of its files' names, in lower case; those that end in .gz are also opened uncompressed by `Source.open`."""
 
     @property
+    def has_header(self) -> bool:
+        """Whether a row of the file has the columns' names, so that it may be another than the first."""
+
+    @property
+    def has_sheets(self) -> bool:
+        """Whether a file has several tables."""
+
+    @property
     def magic(self) -> bytes | None:
         """First bytes of all its files, if there are such."""
 

@@ -39,6 +39,7 @@ class Csv:
 
     kind = "comma-separated UTF-8 text"
     suffixes = tuple(f"{suffix}{packed}" for suffix in (".csv", ".txt", ".dat", ".tsv") for packed in ("", ".gz"))
+    has_header, has_sheets = True, False
     magic = None
 
     def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:

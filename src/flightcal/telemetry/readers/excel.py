@@ -19,6 +19,7 @@ class Excel:
 
     kind = "an Excel workbook"
     suffixes = (".xlsx", ".xlsm")
+    has_header, has_sheets = True, True
     magic = None  # that of any ZIP archive
 
     def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:

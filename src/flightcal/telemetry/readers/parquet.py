@@ -15,6 +15,7 @@ class Parquet:
 
     kind = "Parquet"
     suffixes = (".parquet", ".pq")
+    has_header, has_sheets = False, False
     magic = b"PAR1"
 
     def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
