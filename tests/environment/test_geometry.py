@@ -26,6 +26,23 @@ def test_eclipses_of_all_seasons_are_around_the_same_phase(ltan, days):
     assert phase[dark].mean() == pytest.approx(0.5, abs=0.005)
 
 
+@pytest.mark.parametrize("days", [0.0, 120.0])
+def test_phase_of_an_eccentric_orbit_is_the_true_anomaly_in_all_seasons(days):
+    """By Kepler's equation, which is solved here by halving; the perigee of this inclination stays where it is."""
+    elements = {"semi_major_axis": "26560 km", "eccentricity": 0.7, "inclination": "63.4349 deg", "raan": "80 deg"}
+    later = str(EPOCH + np.timedelta64(round(days * 86400), "s"))
+    scene = environment({**elements, "argument_of_perigee": "270 deg", "mean_anomaly": "0 deg", "epoch": later})
+    period = orbital_period(scene)
+    for share in (0.05, 0.3, 0.5, 0.8):
+        low, high = 0.0, 2.0 * np.pi
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if middle - 0.7 * np.sin(middle) < 2.0 * np.pi * share else (low, middle)
+        anomaly = 2.0 * np.arctan2(np.sqrt(1.7) * np.sin(0.5 * low), np.sqrt(0.3) * np.cos(0.5 * low))
+        (phase,) = orbit_phase(scene, seconds_after(np.datetime64(later), [share * period]))
+        assert phase == pytest.approx(anomaly / (2.0 * np.pi) % 1.0, abs=2e-4)
+
+
 def test_phase_is_never_one():
     scene = environment(circular(argument_of_latitude="0 deg"))
     noon = 0.0

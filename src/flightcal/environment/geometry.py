@@ -13,7 +13,10 @@ from ..errors import OrbitError
 from ..scenario import Environment
 from . import sun
 from ._time import Floats, Times, seconds_since
-from .orbit import angle_from, orbital_period, propagator
+from .orbit import angle_from, eccentricity_vector, orbital_period, propagator
+
+_ECCENTRIC = 0.2
+"""Eccentricity, from which on the height makes an orbit's course, and not the Sun."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,9 @@ def orbit_phase(
     """Place in the orbit at times, [T] in [0, 1).
 
     With an orbit: angle / 2 pi from where it is nearest to the Sun, so that eclipses of all seasons are around 0.5.
-    On an eccentric orbit it does not run evenly in time. Where the Sun stands above the plane (beta angle near 90 deg)
-    that place turns quickly from day to day; then all of the orbit is much alike.
+    Where the Sun stands above the plane (beta angle near 90 deg) that place turns quickly from day to day; then all of
+    the orbit is much alike. On an eccentric orbit it is the true anomaly / 2 pi: what is switched, and the Earth's
+    light, come again with the height and not with the Sun.
     Without an orbit: periods since `origin`, by default the first time; give the same origin wherever phases are to be
     compared. With neither orbit nor period: NaN, unknown.
     """
@@ -71,6 +75,9 @@ def orbit_phase(
         phase = elapsed / orbital_period(environment) % 1.0
     else:
         at = geometry_of(environment, folder)(times)
-        phase = angle_from(at.sun, at.position, at.velocity) / (2 * np.pi) % 1.0
+        towards_perigee = eccentricity_vector(at.position, at.velocity)
+        is_eccentric = np.median(np.linalg.norm(towards_perigee, axis=-1)) > _ECCENTRIC
+        origins = towards_perigee if is_eccentric else at.sun
+        phase = angle_from(origins, at.position, at.velocity) / (2 * np.pi) % 1.0
     # A phase a rounding error below 0 comes out of the remainder as exactly 1.
     return np.where(phase >= 1.0, 0.0, phase)

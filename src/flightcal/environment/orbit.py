@@ -99,6 +99,16 @@ def angle_from(direction: Floats, position: Floats, velocity: Floats) -> Floats:
     return angle
 
 
+def eccentricity_vector(position: Floats, velocity: Floats) -> Floats:
+    """[T, 3] towards the perigee, as long as the eccentricity, of a body at positions [T, 3] m, m/s.
+
+    Vallado (2013), Fundamentals of Astrodynamics and Applications, eq. 2-78.
+    """
+    height = np.linalg.norm(position, axis=-1, keepdims=True)
+    vector: Floats = np.cross(velocity, np.cross(position, velocity)) / EARTH_MU - position / height
+    return vector
+
+
 # --- elements -----------------------------------------------------------------------------------------------
 
 
