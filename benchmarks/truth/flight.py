@@ -15,9 +15,8 @@ import xarray
 
 from flightcal.environment import orbital_period
 from flightcal.probability import Priors
-from flightcal.scenario import Scenario, load_scenario
+from flightcal.scenario import ICE_POINT, Scenario, load_scenario
 from flightcal.simulator import (
-    ICE_POINT,
     FloatArray,
     IntArray,
     NetworkSimulator,

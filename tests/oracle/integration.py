@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.simulator.kernels.sampling import BEYOND, BIAS, GAIN, ICE_POINT, TIME_OFFSET
+from flightcal.scenario import ICE_POINT
+from flightcal.simulator.kernels.sampling import BEYOND, BIAS, GAIN, TIME_OFFSET
 from flightcal.simulator.system import Drive, Structure, System
 
 from .double import jax, jnp

@@ -15,7 +15,8 @@ import numpy as np
 import xarray
 
 from ..problem import Problem, Runs, Window, initial_priors
-from ..simulator import ICE_POINT, FloatArray
+from ..scenario import ICE_POINT
+from ..simulator import FloatArray
 from ..words import number
 from .comparison import Comparison, Rows, rows_of
 from .evidence import Fit, Gaussian, gaussian

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from ..simulator import ICE_POINT, FloatArray
+from ..scenario import ICE_POINT
+from ..simulator import FloatArray
 from ..words import moment, number
 from .samples import noise_of, step_of
 

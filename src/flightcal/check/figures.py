@@ -11,7 +11,6 @@ import plotly.graph_objects as go
 from ..problem import Window
 from ..report import (
     BAND,
-    CELSIUS,
     CHANNEL_HEIGHT,
     GENETIC,
     LINE,
@@ -30,6 +29,7 @@ from ..report import (
     scatter,
     time_canvas,
 )
+from ..scenario import ICE_POINT
 from ..words import labelled, number
 from .identifiability import UNTOLD, Identifiability
 from .prior_predictive import Bands
@@ -171,7 +171,7 @@ def figure_predictive(window: Window, found: Bands) -> go.Figure:
     channels = window.simulator.channels
     figure = time_canvas(list(channels), [CHANNEL_HEIGHT] * len(channels))
     for k in range(len(channels)):
-        columns = [row[:, k] + CELSIUS for row in (*found.quantiles, *found.model)]
+        columns = [row[:, k] - ICE_POINT for row in (*found.quantiles, *found.model)]
         time, columns = break_lines(window.times, followed(window.times, columns, 6 * _BINS), columns)
         for name, low, high, colour in (
             ("95% of the prior, noise and discrepancy included", columns[0], columns[2], BAND),
@@ -188,7 +188,7 @@ def figure_predictive(window: Window, found: Bands) -> go.Figure:
         )  # fmt: skip
         seen = np.flatnonzero(window.valid[:, k])
         if len(seen):
-            values = window.observed[seen, k] + CELSIUS
+            values = window.observed[seen, k] - ICE_POINT
             kept = extremes([values], 3 * _BINS)
             scatter(
                 figure, k + 1, window.times[seen[kept]], values[kept], "telemetry", mode="markers",

@@ -10,8 +10,8 @@ import xarray
 from numpy.typing import NDArray
 
 from ..problem import Window, pinned_heaters
-from ..scenario import Scenario, SimulatorModel
-from ..simulator import ICE_POINT, FloatArray
+from ..scenario import ICE_POINT, Scenario, SimulatorModel
+from ..simulator import FloatArray
 from ..words import number
 from .comparison import known_thermostats
 from .samples import noise_of

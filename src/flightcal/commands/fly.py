@@ -54,8 +54,8 @@ def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: P
 
     from ..operational import fly as flown
     from ..operational import load_spacecraft
-    from ..prediction import ZERO_CELSIUS
     from ..run import write_text
+    from ..scenario import ICE_POINT
 
     if out.exists():
         raise RunError(f"{out}: found a file, expected none: nothing is overwritten")
@@ -73,7 +73,7 @@ def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: P
         )
     table = flight.telemetry.copy()
     thermistors = list(mission.spacecraft.downlink.thermistors)
-    table[thermistors] -= ZERO_CELSIUS
+    table[thermistors] -= ICE_POINT
     table.index = pandas.Index(_written_times(table.index.to_numpy("datetime64[ns]")), name=table.index.name)
     write_text(out, table.to_csv(float_format="%.4f"))
     lines = [

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
+from ..scenario import ICE_POINT
 
 if TYPE_CHECKING:
     import xarray
@@ -36,7 +37,6 @@ _SHORTEST_WORD = 3
 """Letters that a heater's name and its node's have in common, such as bat of battery."""
 _EXACT = 0.1
 """K by which what a sensor reads at its heater's switches differs anyway."""
-_ICE_POINT = 273.15
 _PERIODS = (85 * 60.0, 25 * 3600.0)
 """s, of the lowest orbit and of a geostationary one."""
 _LOOKED_AT, _SAMPLES, _FEWEST, _TURNS = 10 * 86400.0, 4000, 50, 2.5
@@ -238,7 +238,7 @@ def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Str
 def thresholds(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[str, str]:
     """Two thresholds, degC: what a channel reads when a status changes, else within what it shows."""
     on, off, _ = _at_switches(times, kelvins, status)
-    low, high = (on, off) if on < off else np.nanquantile(kelvins - _ICE_POINT, (0.1, 0.5))
+    low, high = (on, off) if on < off else np.nanquantile(kelvins - ICE_POINT, (0.1, 0.5))
     return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
 
 
@@ -252,7 +252,7 @@ def _at_switches(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> 
     if not ((turns > 0).any() and (turns < 0).any()):
         return np.nan, np.nan, np.nan
     seconds = (times - times[0]) / np.timedelta64(1, "s")
-    then = np.interp(seconds[known], seconds[read], kelvins[read] - _ICE_POINT)[1:]
+    then = np.interp(seconds[known], seconds[read], kelvins[read] - ICE_POINT)[1:]
     at = [then[turns == sign] for sign in (1, -1)]
     on, off = (float(np.median(own)) for own in at)
     return on, off, sum(float(np.ptp(np.quantile(own, (0.25, 0.75)))) for own in at)

@@ -52,10 +52,9 @@ def simulate_to_csv(
     import numpy as np
     import pandas
 
-    from ..prediction import ZERO_CELSIUS
     from ..problem import build_problem
     from ..run import write_text
-    from ..scenario import load_scenario
+    from ..scenario import ICE_POINT, load_scenario
     from ..simulator import SimulationFailure
     from ..telemetry import read
 
@@ -71,8 +70,8 @@ def simulate_to_csv(
         raise ScenarioError(f"{scenario_file}: the simulation of window '{name}' fails: {failure}") from None
     table = pandas.DataFrame({"time": window.times})
     for k, channel in enumerate(window.simulator.channels):
-        table[f"{channel} simulated degC"] = run.temperatures[:, k] - ZERO_CELSIUS
-        table[f"{channel} measured degC"] = window.observed[:, k] - ZERO_CELSIUS
+        table[f"{channel} simulated degC"] = run.temperatures[:, k] - ICE_POINT
+        table[f"{channel} measured degC"] = window.observed[:, k] - ICE_POINT
     for k, heater in enumerate(window.simulator.heaters):
         table[f"{heater} simulated"] = run.status[:, k]
         table[f"{heater} measured"] = window.status[:, k]
@@ -89,12 +88,12 @@ def simulate_to_csv(
 
 def _starts(problem: Problem, theta: FloatArray) -> Iterator[str]:
     """The nodes that start where the scenario writes it, which may be right in another window only."""
-    from ..prediction import ZERO_CELSIUS
     from ..problem import initial_temperatures
+    from ..scenario import ICE_POINT
 
     written = [node for node, initial in initial_temperatures(problem.scenario).items() if initial is not None]
     if written:
-        starts = [theta[problem.names.index(f"initial.{node}")] - ZERO_CELSIUS for node in written]
+        starts = [theta[problem.names.index(f"initial.{node}")] - ICE_POINT for node in written]
         listed = ", ".join(f"{node} {start:.1f} degC" for node, start in zip(written, starts, strict=True))
         yield f"starts in every window where 'initial' says: {listed}; '--set initial.{written[0]}=...' (K) changes it"
 

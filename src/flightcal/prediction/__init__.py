@@ -7,7 +7,6 @@ from .holding import HELD, Holding, hold_together, replicates_of
 from .limits import Extreme, extremes, is_plan, limits_of, limits_told
 from .metrics import (
     GENETIC_RUNS,
-    ZERO_CELSIUS,
     Metric,
     by_place,
     comparison_table,

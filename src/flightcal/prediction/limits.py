@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from ..run import read_tree
-from ..scenario import Scenario
-from .metrics import STOCHASTIC, ZERO_CELSIUS, Metric
+from ..scenario import ICE_POINT, Scenario
+from .metrics import STOCHASTIC, Metric
 
 Limits = Mapping[str, tuple[float | None, float | None]]
 """Lowest and highest temperature that operations allow, K, by channel."""
@@ -54,9 +54,9 @@ class Extreme:
         return f"above {1.0 - least:.1%}" if self.chance > 1.0 - least else f"{self.chance:.1%}"
 
     def __str__(self) -> str:
-        goes = f"{self.median - ZERO_CELSIUS:.1f} ({self.lower - ZERO_CELSIUS:.1f} to {self.upper - ZERO_CELSIUS:.1f})"
+        goes = f"{self.median - ICE_POINT:.1f} ({self.lower - ICE_POINT:.1f} to {self.upper - ICE_POINT:.1f})"
         return (
-            f"{self.window}: {self.channel} {self.beyond} its limit of {self.limit - ZERO_CELSIUS:g} degC: chance "
+            f"{self.window}: {self.channel} {self.beyond} its limit of {self.limit - ICE_POINT:g} degC: chance "
             f"{self.chance_in_words}; {self.end} {goes} degC"
         )
 

@@ -14,10 +14,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from ..scenario import is_trained
+from ..scenario import ICE_POINT, is_trained
 from ..simulator import FloatArray
 
-ZERO_CELSIUS = 273.15
 """K, by definition of the Celsius scale (SI brochure, 2019, sec. 2.3.1)."""
 
 NEAR_ZERO = 1.0
@@ -68,7 +67,7 @@ def mape_celsius(observed: ArrayLike, predicted: ArrayLike) -> float | None:
     observed, predicted: K.
     """
     y, p = _valid(observed, predicted)
-    celsius = y - ZERO_CELSIUS
+    celsius = y - ICE_POINT
     if celsius.size and np.abs(celsius).min() < NEAR_ZERO:
         return None
     return 100 * _mean(np.abs((y - p) / celsius))

@@ -14,6 +14,7 @@ from ..probability import Priors, heater_status, measured_switches, residual_mod
 from ..reduction import initial_given
 from ..reduction import load as load_reduced
 from ..scenario import (
+    ICE_POINT,
     ExternalModel,
     Normal,
     Prior,
@@ -25,7 +26,7 @@ from ..scenario import (
     time_error_of,
     uncertain_thermostats,
 )
-from ..simulator import ICE_POINT, TIME_ERROR, FloatArray, NetworkSimulator, open_loop
+from ..simulator import TIME_ERROR, FloatArray, NetworkSimulator, open_loop
 from ..telemetry import (
     SHORT_GAP,
     driver_gaps,

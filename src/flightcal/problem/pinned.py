@@ -13,8 +13,8 @@ import numpy as np
 import xarray
 
 from ..probability import Priors
-from ..scenario import Channel, Conductor, Heater, Node, Scenario, SimulatorModel, time_error_of
-from ..simulator import ICE_POINT, FloatArray, SimulationFailure
+from ..scenario import ICE_POINT, Channel, Conductor, Heater, Node, Scenario, SimulatorModel, time_error_of
+from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import SHORT_GAP, is_blurred, smoothed
 from .window import PIN, Window
 

@@ -16,4 +16,4 @@ from .tables import Cell, Table
 from .thinning import break_lines, extremes, followed
 from .validation_page import write_validation
 from .verdict import Verdict, verdict_of
-from .windows import CELSIUS, CHANNEL_HEIGHT, scatter, time_canvas
+from .windows import CHANNEL_HEIGHT, scatter, time_canvas

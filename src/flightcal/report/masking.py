@@ -14,7 +14,7 @@ import xarray as xr
 
 from ..calibration import Calibrated, heat_content
 from ..prediction import Metric
-from ..scenario import is_trained
+from ..scenario import ICE_POINT, is_trained
 from .run_files import Record, RunFiles
 
 MASKED: Final = "masked"
@@ -172,7 +172,7 @@ def _offsets(run: RunFiles) -> dict[str, float]:
 
 def _less(window: xr.Dataset, offsets: Mapping[str, float]) -> xr.Dataset:
     """A window whose temperatures are less their channel's offset; zero is at 0 degC, so that figures show it so."""
-    own = [offsets.get(str(name), 273.15) - 273.15 for name in window["channel"].values]
+    own = [offsets.get(str(name), ICE_POINT) - ICE_POINT for name in window["channel"].values]
     offset = xr.DataArray(own, dims="channel")
     return window.assign({name: window[name] - offset for name in _TEMPERATURES if name in window})
 

@@ -28,7 +28,7 @@ from ..calibration import (
 from ..errors import RunError
 from ..prediction import Metric
 from ..run import check_whole, read_dataset, read_json, read_records, read_tree, typed
-from ..scenario import is_trained
+from ..scenario import ICE_POINT, is_trained
 from ..validation import ResidualCheck, check_window
 
 Record = dict[str, Any]
@@ -264,7 +264,7 @@ def parameter_info(record: Record) -> ParameterInfo:
     absolute = record["unit"] == "K" and (record["kind"] == "initial" or sets_temperature)
     in_orbits = record["name"].startswith("discrepancy.phase.lengthscale")
     unit = "degC" if absolute else "orbits" if in_orbits else record["unit"]
-    return typed(ParameterInfo, record | {"unit": unit, "offset": -273.15 if absolute else 0.0})
+    return typed(ParameterInfo, record | {"unit": unit, "offset": -ICE_POINT if absolute else 0.0})
 
 
 def _beside(file: Path) -> dict[str, list[Metric]]:

@@ -11,10 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from ..scenario import ICE_POINT
 from .style import ECLIPSE, TELEMETRY, UNKNOWN, band, finish, method, small_titles
 from .thinning import Array, Indices, break_lines, changes, extremes, followed, stretches, usual_step
 
-CELSIUS = -273.15
 CHANNEL_HEIGHT, HEATER_HEIGHT, GAP = 190, 96, 44
 
 
@@ -133,7 +133,7 @@ def degrees(prediction: xr.Dataset) -> str:
 def column(prediction: xr.Dataset, variable: str, channel: str, method: str | None = None) -> NDArray[np.float64]:
     """A variable of one channel in degC, [T]."""
     selector = {"channel": channel} | ({"by": method} if method else {})
-    return np.asarray(prediction[variable].sel(selector).values, float) + CELSIUS
+    return np.asarray(prediction[variable].sel(selector).values, float) - ICE_POINT
 
 
 def scatter(figure: go.Figure, row: int, x: NDArray, y: NDArray, name: str, **more: object) -> None:

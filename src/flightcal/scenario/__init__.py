@@ -92,6 +92,7 @@ from .telemetry import Channel, Fill, Packet, Readings, TelemetryFile, TimeColum
 from .template import write_new, write_template
 from .timeline import NamedChange, changes_in
 from .units import (
+    ICE_POINT,
     Duration,
     Kelvins,
     Power,

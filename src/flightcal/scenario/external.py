@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, SerializationInfo, field_serializer, model_validator
 
 from .fields import Block, Count, FileName, Flag, Marker, from_folder, read_empty
-from .units import Duration, QuantityOrName, read_any, show, si_unit, written_unit
+from .units import ICE_POINT, Duration, QuantityOrName, read_any, show, si_unit, written_unit
 
 # --- what goes in and what comes out --------------------------------------------------------------------------
 
@@ -55,7 +55,7 @@ class Output(Block):
     @property
     def offset(self) -> float:
         """Kelvin to add to what the simulator gives."""
-        return 273.15 if self.unit == "degC" else 0.0
+        return ICE_POINT if self.unit == "degC" else 0.0
 
 
 class ExternalHeater(Block):

@@ -50,6 +50,8 @@ _NUMBER = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?
 _UNIT_TEXT = re.compile(r"[\w\s*/^().%°·Ω+-]{1,60}")
 # pint evaluates numbers and powers of powers in a unit; a long one could run for ever.
 _ARITHMETIC = re.compile(r"\d{3}|[\d)]\s*(\*\*|\^)")
+ICE_POINT = 273.15
+"""K, at 0 degC."""
 LARGEST = 1e30
 """Of any number, SI: powers of it, as those of temperatures, stay finite."""
 _OFFSET_UNITS = ("degree_Celsius", "degree_Fahrenheit", "degree_Reaumur")
@@ -171,7 +173,7 @@ def expected(unit: str, difference: bool = False, number: str = "") -> str:
 
 def celsius(temperature: float) -> str:
     """A temperature in K as messages give it."""
-    return f"{temperature - 273.15:.6g} degC"
+    return f"{temperature - ICE_POINT:.6g} degC"
 
 
 def example(unit: str) -> str:

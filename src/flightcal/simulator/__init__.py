@@ -11,7 +11,6 @@ from .integrate import SimulationFailure, cores, in_parallel, integrate, sensor_
 from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
 from .kernels.lanes import WIDTH
 from .kernels.march import MarchCall, march
-from .kernels.sampling import ICE_POINT
 from .kernels.step import step_size
 from .network import FIELDS, Network, Term, build_network, canonical_form, flux_kinds
 from .sampling import Observation, Sensors

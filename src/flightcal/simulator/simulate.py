@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import Program, Row, Spare
+from ..scenario import ICE_POINT
 from .assembly import ParameterMap, assemble
 from .calls import Calls
 from .elimination import Elimination
 from .integrate import SimulationFailure, copied, cores, in_parallel, switches
 from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
-from .kernels.sampling import ICE_POINT
 from .network import Network
 from .sampling import Observation, locate
 from .steps import Accuracy

@@ -8,8 +8,8 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from ...scenario import Scenario, SimulatorModel
-from ...simulator import ICE_POINT, FloatArray
+from ...scenario import ICE_POINT, Scenario, SimulatorModel
+from ...simulator import FloatArray
 from ...words import listed, number
 from ..comparison import Comparison
 from ..evidence import Fit, Scale

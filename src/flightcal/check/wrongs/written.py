@@ -10,8 +10,8 @@ from itertools import combinations, product
 import numpy as np
 
 from ...problem import PIN
-from ...scenario import OF_EARTH_AND_SUN, Environment
-from ...simulator import ICE_POINT, FloatArray
+from ...scenario import ICE_POINT, OF_EARTH_AND_SUN, Environment
+from ...simulator import FloatArray
 from ...words import listed, number
 from ..evidence import Fit
 from ..view import NO_LINK, SHARES, Moved, View

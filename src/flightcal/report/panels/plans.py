@@ -9,12 +9,13 @@ import numpy as np
 import xarray as xr
 
 from ...prediction import Extreme, extremes, is_plan
+from ...scenario import ICE_POINT
 from ...words import number
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
 from ..tables import Cell, Table
-from ..windows import CELSIUS, degrees
+from ..windows import degrees
 from .picture import HEIGHTS
 from .prediction import figure_stochastic, unseen
 
@@ -68,7 +69,7 @@ def table(window: xr.Dataset, found: Sequence[Extreme]) -> Table:
     limited = {own.channel for own in found if not np.isnan(own.limit)}
     for own in found:
         when = np.datetime_as_string(own.time, unit="m").replace("T", " ")[len("2024-") :]
-        middle, lower, upper = (number(value + CELSIUS, 3) for value in (own.median, own.lower, own.upper))
+        middle, lower, upper = (number(value - ICE_POINT, 3) for value in (own.median, own.lower, own.upper))
         row = rows.setdefault(own.channel, [own.channel])
         row += [f"{middle} ({lower} to {upper})", when]
         if limited:
@@ -83,4 +84,4 @@ def _against_limit(own: Extreme) -> list[str]:
     if np.isnan(own.limit):
         return ["–", "–"]
     state = "bad" if own.chance > LIKELY else "warn" if own.chance > MAY_BE else "good"
-    return [number(own.limit + CELSIUS, 3), Cell(own.chance_in_words, state)]
+    return [number(own.limit - ICE_POINT, 3), Cell(own.chance_in_words, state)]

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 import xarray as xr
 
 from ...prediction import ANY
-from ...scenario import is_trained
+from ...scenario import ICE_POINT, is_trained
 from ...words import letter, percent
 from .. import block
 from ..block import Block, section
@@ -18,7 +18,6 @@ from ..run_files import RunFiles, bins, has_prediction
 from ..style import BAND, MODEL_BAND, STOCHASTIC, WARNING, band, polygons
 from ..thinning import followed
 from ..windows import (
-    CELSIUS,
     HEIGHTS,
     Heights,
     broken,
@@ -107,7 +106,7 @@ def _limits(figure: go.Figure, prediction: xr.Dataset, channel: str, row: int) -
     lower, upper = (column(prediction, name, channel, "stochastic") for name in ("lower", "upper"))
     lowest, highest = np.nanmin(lower), np.nanmax(upper)
     near, ends = _NEAR * (highest - lowest), prediction["time"].values[[0, -1]]
-    for limit in (float(prediction[name].sel(channel=channel)) + CELSIUS for name in _LIMITS if name in prediction):
+    for limit in (float(prediction[name].sel(channel=channel)) - ICE_POINT for name in _LIMITS if name in prediction):
         if lowest - near < limit < highest + near:
             scatter(
                 figure, row, ends, np.full(2, limit), "limit", mode="lines",

@@ -23,6 +23,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiled import inlined
+from ...scenario import ICE_POINT
 from .lanes import take
 from .step import EIGHT_THIRDS
 
@@ -30,7 +31,6 @@ GAIN, BIAS, TIME_OFFSET = range(3)
 """Of the errors; K, and s."""
 BEYOND = 60.0
 """s for which temperatures go on in a straight line beyond the window's ends; then they stay."""
-ICE_POINT = 273.15  # K
 
 
 class Looks(NamedTuple):
