@@ -140,6 +140,25 @@ def test_a_plan_beyond_the_last_change_of_mode_is_told(tmp_path: Path, change: s
     assert ("has no change" in result.output) == bool(rest)
 
 
+@pytest.mark.parametrize(("minute", "told"), [(30, False), (300, True)])
+def test_a_driver_that_begins_with_a_plan_is_told(tmp_path: Path, minute: int, told: bool):
+    """It is planned from 05:30 on, and known before up to a minute."""
+    written = small.content()
+    written["telemetry"]["channels"]["sun"]["fill"] = "previous_orbit"
+    current = small.sunlight(60.0 * np.arange(421))
+    current[330 - minute : 330] = np.nan
+    written["windows"] = {
+        "train": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T00:30:00"},
+        "test": {"start": "2024-03-01T05:30:00", "end": "2024-03-01T06:30:00", "planned": True},
+    }
+    small.load(tmp_path, written, columns={"sun": current})
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    words = (
+        "advice: windows.test: 'sun' has no sample before 2024-03-01T05:30:00, so the temperatures at which the plan"
+    )
+    assert (words in result.output) == told, result.output
+
+
 @pytest.mark.parametrize(("month", "trend", "told"), [(3, None, False), (6, None, True), (6, 0.5, False)])
 def test_a_window_months_after_training_is_told_where_nothing_ages(
     tmp_path: Path, month: int, trend: float | None, told: bool

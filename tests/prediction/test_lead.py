@@ -67,6 +67,38 @@ def test_a_gap_in_a_driver_that_a_plan_needs_is_not_simulated(tmp_path, flew, mo
     assert np.isfinite(found["mean"].values).all()
 
 
+def test_where_nothing_before_a_plan_can_be_simulated_it_begins_as_unsure_as_that_is(tmp_path, flew, monkeypatch):
+    monkeypatch.setattr(lead, "_BRIDGED", 0.0)
+    gap = flew.copy(deep=True)
+    minutes = (gap["time"].values - gap["time"].values[0]) / np.timedelta64(1, "m")
+    gap["sun"].values[(minutes > 190) & (minutes < 330)] = np.nan
+    found = planned(tmp_path, gap, "2024-03-01T03:01:00")
+    assert found.attrs["initial_state"] == lead.UNKNOWN
+    for off, width in off_at_first(found, flew):
+        assert width > 2.0 * off
+        assert width > 8.0
+
+
+def test_of_a_plan_that_is_partly_flown_what_is_still_to_come_has_extremes(tmp_path, flew):
+    found = planned(tmp_path, flew, "2024-03-01T06:00:00")
+    times = found["time"].values
+    coming = times >= np.datetime64("2024-03-01T06:00")
+    assert found.attrs["planned"] == 1
+    np.testing.assert_array_equal(np.isfinite(found["observed"].values).any(axis=1), ~coming)
+    # The first minutes tell where it begins.
+    np.testing.assert_array_equal(found["scored"].values, times > np.datetime64("2024-03-01T05:40"))
+    truth = flew.sel(time=times[coming])
+    for name in CHANNELS:
+        assert abs(float(found["lowest"].sel(channel=name).median() - truth[name].min())) < 1.5
+        assert abs(float(found["highest"].sel(channel=name).median() - truth[name].max())) < 1.5
+
+
+def test_a_last_sample_at_its_start_makes_no_plan_a_test(tmp_path, flew):
+    found = planned(tmp_path, flew, "2024-03-01T05:30:30")
+    assert np.isfinite(found["observed"].values[0]).any()
+    assert not np.isfinite(found["observed"].values[found["scored"].values]).any()
+
+
 def test_what_heaters_do_before_a_plan_is_no_part_of_its_duty_cycle(tmp_path, flew):
     found = planned(tmp_path, flew, "2024-03-01T03:01:00")
     duty = found["status"].mean("time").values

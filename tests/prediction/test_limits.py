@@ -12,19 +12,19 @@ LIMITS = {"tank": (280.0, None), "radio": (None, 320.0)}
 
 
 def window(lowest=(279.0, 281.0, 281.5, 283.0), observed=np.nan):
-    """Three channels and four draws; the first sample only tells where the plan begins."""
+    """Three channels and four draws; the first sample was flown."""
     mean = np.array([[270.0, 300.0, 290.0], [281.0, 310.0, 290.0], [283.0, 305.0, 290.0], [282.0, 300.0, 291.0]])
     draws = np.array([lowest, (300.0,) * 4, (290.0,) * 4]).T
     return xr.Dataset(
         {
-            "observed": (("time", "channel"), np.full((4, 3), observed)),
+            "observed": (("time", "channel"), np.concatenate([np.full((1, 3), 285.0), np.full((3, 3), observed)])),
             "scored": ("time", [False, True, True, True]),
             "mean": (("by", "time", "channel"), mean[None]),
             "lowest": (("simulation", "channel"), draws),
             "highest": (("simulation", "channel"), draws + 20.0),
         },
         {"time": TIMES, "channel": ["tank", "radio", "frame"], "by": ["stochastic"]},
-        {"interval": 0.95},
+        {"interval": 0.95} | ({"planned": 1} if np.isnan(observed) else {}),
     )
 
 

@@ -309,14 +309,14 @@ def test_a_drifting_parameter_is_the_common_one_moved_on_its_normal_scale(tmp_pa
 def test_a_trend_goes_on_from_the_middle_of_all_windows_to_one_that_is_not_trained_on(tmp_path):
     joint = build_problem(*small.closed_loop(tmp_path, ageing(written())))
     theta = joint.priors.median()
-    rate = 1500.0
+    rate = 300.0  # W/K in a year
     place = {name: k for k, name in enumerate(joint.names)}
     theta[[place["link"], place["trend.link"]]] = 0.7, rate
     unseen = build_window(joint.scenario, joint_data(joint, tmp_path), "test.1")
     middles = [own.start + np.timedelta64(round(500 * own.duration), "ms") for own in (*joint.windows, unseen)]
     hours = (np.array(middles) - middles[0]) / np.timedelta64(1, "h")
-    # Of a lognormal prior with a factor of 1.3.
-    expected = 0.7 * 1.3 ** (rate * (hours - hours[:2].mean()) / (365.25 * 24.0))
+    # Of a lognormal prior around 0.6 W/K.
+    expected = 0.7 * np.exp(rate / 0.6 * (hours - hours[:2].mean()) / (365.25 * 24.0))
     np.testing.assert_allclose(joint.window_values(theta)["link"], expected[:2], rtol=1e-9)
     assert joint.at(unseen, theta[None])[0, 0] == pytest.approx(expected[2], rel=1e-9)
     assert abs(expected[2] / expected[1] - 1.0) > 0.01

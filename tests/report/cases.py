@@ -155,7 +155,8 @@ def with_a_plan(run):
     right = fitted(run)
     test = right.windows["test"]
     nothing = {name: test[name] * np.nan for name in ("observed", "observed_status", "observed_duty_cycle", "coverage")}
-    return dataclasses.replace(right, windows=right.windows | {"test.tomorrow": test.assign(nothing)})
+    plan = test.assign(nothing).assign_attrs(planned=1)
+    return dataclasses.replace(right, windows=right.windows | {"test.tomorrow": plan})
 
 
 def with_a_limit(run):

@@ -25,6 +25,8 @@ _MANY_DROPPED = 0.1
 """Share of the rows that have another row's time, from which they are no accident."""
 _SHORT = 10.0
 """s, by which temperatures do not tell that a driver is late."""
+_LEAD = 12
+"""Hours that are simulated before a plan, from which on little is left of how they began."""
 _AGES = 30.0
 """Days, from which on how a satellite ages may be seen."""
 _COARSE = 0.05
@@ -42,6 +44,7 @@ def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) 
     yield from _of_observations(scenario, data)
     yield from _of_heaters(scenario, data, trained)
     yield from _of_plans(scenario, data)
+    yield from _of_drivers_before(scenario, data)
     yield from _of_age(scenario, trained)
     yield from of_steps(trained)
 
@@ -226,6 +229,27 @@ def _of_plans(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
                 f"windows.{window}: {place} has no change after {at.isoformat()}, so {rest} of the plan is in {kept}; "
                 "add what is planned"
             )
+
+
+def _of_drivers_before(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of planned windows that nothing can be simulated up to, for a driver is not known before them."""
+    import numpy as np
+
+    from ..telemetry import driver_gaps
+
+    drivers = {name: own for name, own in scenario.telemetry.channels.items() if own.kind == "driver"}
+    gaps = {name: driver_gaps(data, name, own.bridge)[0] for name, own in drivers.items()}
+    for window, plan in scenario.windows.items():
+        start = np.datetime64(plan.start, "ns")
+        for name, spans in gaps.items() if plan.planned else ():
+            for begin, end in spans:
+                if begin < start - np.timedelta64(1, "h") and end > start - np.timedelta64(_LEAD, "h"):
+                    known = np.datetime_as_string(end, unit="s")
+                    yield (
+                        f"windows.{window}: '{name}' has no sample before {known}, so the temperatures at which the "
+                        "plan begins are hardly known; add two days of it before the plan"
+                    )
+                    break
 
 
 def _of_age(scenario: Scenario, trained: Sequence[Window]) -> Iterator[str]:

@@ -55,7 +55,7 @@ class Ensemble:
     draws: FloatArray
     """[S, T, N] K, of telemetry: simulation, discrepancy and noise together."""
     lowest: FloatArray
-    """[S, N] K, of the temperature itself, in the scored samples; infinite without any."""
+    """[S, N] K, of the temperature itself, at the times that count; infinite without any."""
     highest: FloatArray
     discrepancy: FloatArray | None = None
     """[3, T, N] K: its mean, and lower and upper bound of its interval; None: there is none."""
@@ -100,7 +100,7 @@ def propagate(
     thresholds: Thresholds | None = None,
     known: FloatArray | None = None,
     on: FloatArray | None = None,
-    scored: NDArray[np.bool_] | None = None,
+    counting: NDArray[np.bool_] | None = None,
 ) -> Ensemble:
     """Simulate at thetas [S, q] in one batch, add a surrogate's error, discrepancy and noise of each, and summarise.
 
@@ -108,7 +108,8 @@ def propagate(
     interval: probability inside, such as 0.95; errors: of each theta (None: independent noise); heat: [S, h, 2 K] W
     that no block describes, of each theta; thresholds: of each theta (None: as written); known:
     [S, T, N] K, a surrogate's error of each theta (None: drawn); on: [S, H] heaters that are on at first (None: as
-    the status or the scenario says); scored: [T] samples that count (None: all). Raises RunError when more than half of
+    the status or the scenario says); counting: [T] times at which extremes are looked
+    for (None: all). Raises RunError when more than half of
     the simulations fail.
     """
     trained, runs = is_trained(window.name), simulated(window, thetas, rng, heat, thresholds, on)
@@ -140,7 +141,7 @@ def propagate(
             bounds = np.quantile(drawn.discrepancy, tails, axis=0)
             discrepancy = np.concatenate([drawn.discrepancy.mean(axis=0)[None], bounds])
     lower, upper = np.quantile(noisy, tails, axis=0)
-    counting = kelvins if scored is None else kelvins[:, scored]
+    within = kelvins if counting is None else kelvins[:, counting]
     model_lower, model_upper = np.quantile(kelvins, tails, axis=0)
     heaters = len(window.simulator.heaters)
     duty_cycle = np.stack([run.duty_cycle for _, run in kept])
@@ -166,7 +167,7 @@ def propagate(
         energy=duty_cycle * power * window.duration,
         failed=len(thetas) - len(kept),
         draws=noisy,
-        lowest=counting.min(axis=1, initial=np.inf),
-        highest=counting.max(axis=1, initial=-np.inf),
+        lowest=within.min(axis=1, initial=np.inf),
+        highest=within.max(axis=1, initial=-np.inf),
         discrepancy=discrepancy,
     )

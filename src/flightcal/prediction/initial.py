@@ -27,8 +27,6 @@ _MOST_TRIED = 4
 """Heaters without a status, of which all states at first are tried."""
 _RARELY = 0.05
 """Of the time: as little as a heater may be on or off at a time of which nothing is known."""
-_LEAST = 0.5
-"""K, least deviation of what a node that is measured in training begins with."""
 _PLACE = 0.05
 """Orbits, in which temperatures are about alike."""
 _ITERATIONS = 3  # a heater that switches in the span bends what is linear otherwise
@@ -39,8 +37,8 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
 
     What the scenario says of where these start is of a training window's start. Here they start as they were in
     training, in the mean of the draws, while the nodes that are told were about as warm as their samples say; where
-    none is told, at the same place in the orbit. The deviation of nodes without a channel is no less than what the
-    scenario says. A reduced model's file says it itself.
+    none is told, at the same place in the orbit. The deviation is no less than what the scenario says. A reduced
+    model's file says it itself.
     """
     model = first.scenario.simulator
     if isinstance(model, ExternalModel) or model.reduced_model is not None:
@@ -75,10 +73,8 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
     likely, spread = beside(np.concatenate(found), np.concatenate(lasted), told, read)
     reads = dict(first.reads)
     untold = [name for name, is_told in zip(starts, told, strict=True) if not is_told]
-    observed = {item.node for item in first.scenario.observations.values()}
     for name, own, deviation in zip(untold, likely.tolist(), spread.tolist(), strict=True):
-        least = _LEAST if name.removeprefix("initial.") in observed else starts[name].standard_deviation
-        reads[name] = Normal(mean=own, standard_deviation=max(deviation, least))
+        reads[name] = Normal(mean=own, standard_deviation=max(deviation, starts[name].standard_deviation))
     return replace(first, reads=reads)
 
 

@@ -13,8 +13,14 @@ LABELS: Final[dict[str, tuple[str, str]]] = {
     "standard_deviation": ("K", "standard deviation of the prediction"),
     "model_lower": ("K", "lower end of the interval without measurement noise"),
     "model_upper": ("K", "upper end of the interval without measurement noise"),
-    "lowest": ("K", "lowest temperature of a simulation in the scored samples, without measurement noise"),
-    "highest": ("K", "highest temperature of a simulation in the scored samples, without measurement noise"),
+    "lowest": (
+        "K",
+        "lowest temperature of a simulation, of a plan in what is still to come, without measurement noise",
+    ),
+    "highest": (
+        "K",
+        "highest temperature of a simulation, of a plan in what is still to come, without measurement noise",
+    ),
     "lower_limit": ("K", "lowest temperature that operations allow"),
     "upper_limit": ("K", "highest temperature that operations allow"),
     "crps": ("K", "continuous ranked probability score"),

@@ -25,6 +25,8 @@ from .initial import around_usual, begun
 
 LEAD: Final = "lead"
 """The window before a plan."""
+UNKNOWN: Final = "as training has it at that place in the orbit, for the time before cannot be simulated"
+"""Where a plan begins that nothing leads up to."""
 _LONGEST, _ORBITS = 2.0 * 86400.0, 3.0
 """s, and orbits: what is simulated before a plan at the most, and at the least where telemetry is older."""
 _BRIDGED = 3600.0

@@ -9,9 +9,11 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ..run import read_tree
 from ..scenario import ICE_POINT, Scenario
+from ..simulator import FloatArray
 from .metrics import STOCHASTIC, Metric
 
 Limits = Mapping[str, tuple[float | None, float | None]]
@@ -74,19 +76,26 @@ def with_limits(prediction: xr.Dataset, limits: Limits) -> xr.Dataset:
     return prediction.assign({_LOWER: ("channel", ends[:, 0]), _UPPER: ("channel", ends[:, 1])})
 
 
+def to_come(times: NDArray[np.datetime64], observed: FloatArray) -> NDArray[np.bool_]:
+    """[T] times of a plan of which there is no temperature yet. observed: [T, N] K."""
+    known = times[np.isfinite(observed).any(axis=1)]
+    return np.asarray(times > known[-1] if len(known) else np.ones(len(times), bool))
+
+
 def is_plan(window: xr.Dataset) -> bool:
     """Whether nothing is measured in a window of prediction.nc, by which its prediction could be scored."""
     return not np.isfinite(window["observed"].values[window["scored"].values.astype(bool)]).any()
 
 
 def extremes(window: xr.Dataset, name: str) -> Iterator[Extreme]:
-    """The lowest and the highest temperature of each channel, with the chances that limits are passed.
+    """The lowest and the highest temperature of each channel in what of a plan is still to come, with chances.
 
-    window: a group of prediction.nc. Before its scored samples, the last telemetry tells where it begins.
+    window: a group of prediction.nc; of one that is no plan, or that has been flown, there are none.
     """
-    if "lowest" not in window:
+    if "planned" not in window.attrs or "lowest" not in window:
         return
-    scored = window.isel(time=window["scored"].values.astype(bool)).sel({"by": STOCHASTIC})
+    coming = to_come(window["time"].values, window["observed"].values)
+    scored = window.isel(time=coming).sel({"by": STOCHASTIC})
     tails = [0.5 * (1.0 - window.attrs["interval"]), 0.5, 0.5 * (1.0 + window.attrs["interval"])]
     for channel in window["channel"].values:
         mean = scored["mean"].sel(channel=channel).values
@@ -108,7 +117,7 @@ def extremes(window: xr.Dataset, name: str) -> Iterator[Extreme]:
 
 def limit_scores(window: xr.Dataset, name: str) -> list[Metric]:
     """Chances that limits are passed in a plan; of any other window none."""
-    told = [own for own in extremes(window, name) if not np.isnan(own.limit)] if is_plan(window) else []
+    told = [own for own in extremes(window, name) if not np.isnan(own.limit)]
     return [
         Metric(STOCHASTIC, name, own.channel, f"{own.beyond}_limit", own.chance, "1", f"limit {own.limit:g} K")
         for own in told
@@ -116,7 +125,12 @@ def limit_scores(window: xr.Dataset, name: str) -> list[Metric]:
 
 
 def limits_told(file: Path) -> list[Extreme]:
-    """Of prediction.nc: all extremes in plans whose channels have a limit there, the likeliest to pass it first."""
+    """Of prediction.nc: all extremes in plans whose channels have a limit there, the likeliest to pass it first.
+
+    None where the file is not there.
+    """
+    if not file.is_file():
+        return []
     plans = {str(name): group.to_dataset() for name, group in read_tree(file).children.items()}
-    found = [own for name, window in plans.items() if is_plan(window) for own in extremes(window, name)]
+    found = [own for name, window in plans.items() for own in extremes(window, name)]
     return sorted((own for own in found if not np.isnan(own.limit)), key=lambda own: -own.chance)

@@ -24,7 +24,8 @@ from .holding import replicate
 from .initial import around_usual, begun, condition_initial
 from .innovations import innovations, noise_in_words
 from .labels import LABELS
-from .lead import lead_up_to
+from .lead import UNKNOWN, lead_up_to
+from .limits import to_come
 from .metrics import STOCHASTIC
 from .unseen import unseen_attribute
 
@@ -86,7 +87,14 @@ def predict(
     of_heat: dict[str, Any] = {}
     if heated is not None:
         of_heat = {"heat": heated.injected.on(window), "thresholds": heated.thresholds, "known": heated.known}
-    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, on=on, scored=scored, **of_heat)
+    coming = np.zeros(len(window.times), bool)
+    if name not in trained and problem.scenario.windows[name].planned:
+        coming = to_come(window.times, window.observed)
+    if coming.any():
+        # Of a plan that goes on from telemetry, the first minutes belong to that.
+        scored &= coming | (window.times >= window.start + np.timedelta64(round(settings.initial_span), "s"))
+    counting = coming if coming.any() else scored
+    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, on=on, counting=counting, **of_heat)
     runs = window.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(window, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     seconds = (window.times - window.times[0]) / np.timedelta64(1, "s")
@@ -102,9 +110,12 @@ def predict(
         fitted = ensemble.mean if heated is None or heated.fitted is None else heated.fitted
         prediction = prediction.assign(_residual_model(window, errors, ensemble, fitted, rng))
     prediction.attrs |= {"interval": settings.interval, "failed_simulations": ensemble.failed}
+    prediction.attrs |= {"planned": 1} if coming.any() else {}
     prediction.attrs |= _in_words(for_draws, errors, heated, trained, settings.initial_span)
     if led is not None:
         prediction.attrs["initial_state"] = led.words
+    elif first is not None and not np.isfinite(first.observed).any():
+        prediction.attrs["initial_state"] = UNKNOWN
     prediction.attrs |= unseen_attribute(trained, window, ensemble.mean)
     return labelled(prediction, LABELS), ensemble
 

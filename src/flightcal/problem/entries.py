@@ -4,10 +4,11 @@ Theta is ordered: the scenario's parameters; ``telemetry.time_error`` (s); noise
 ``trend.<parameter>`` where a parameter has a trend; ``drift.<parameter>`` and ``drift.<parameter>.<window>`` where one
 drifts; ``initial.<node>`` (K), with several windows to train on ``initial.<window>.<node>``.
 
-A parameter that moves has, in window w, the unconstrained value z + r t_w + tau xi_w. z is the common one. r
-(``trend.<parameter>``) is the change in a year, and t_w is by how many years the middle of the window is after the mean
-of those of all windows to train on. tau (``drift.<parameter>``) is the standard deviation between windows, and xi_w
-(``drift.<parameter>.<window>``, standard normal) how far this window is off. That is z_w ~ N(z + r t_w, tau^2),
+A parameter that moves has, in window w, the unconstrained value z + r t_w / s + tau xi_w. z is the common one. r
+(``trend.<parameter>``) is the change in a year, in the parameter's unit at its prior's median, where s is the slope of
+the parameter by z. t_w is by how many years the middle of the window is after the mean of those of all windows to train
+on. tau (``drift.<parameter>``) is the standard deviation between windows, and xi_w
+(``drift.<parameter>.<window>``, standard normal) how far this window is off. That is z_w ~ N(z + r t_w / s, tau^2),
 non-centred (Papaspiliopoulos et al. 2007, Statistical Science 22, 59-73), so that a small tau makes no funnel.
 """
 
@@ -66,7 +67,7 @@ class Entry:
         if self.kind == "initial":
             return f"initial temperature of {rest}"
         if self.kind == "drift" and first == "trend":
-            return f"change of {rest} in a year, in standard deviations of its prior"
+            return f"change of {rest} in a year"
         if self.kind == "drift":
             between = f"deviation of {rest} between windows"
             return between if self.window is None else f"how far {rest} is off in its window, in deviations"
@@ -95,7 +96,8 @@ def _moving(scenario: Scenario, name: str, windows: Sequence[Window]) -> Iterato
     """What moves a parameter from window to window."""
     parameter = scenario.parameters[name]
     if parameter.trend is not None:
-        yield Entry(f"trend.{name}", "", Normal(mean=0.0, standard_deviation=parameter.trend), "drift")
+        prior = Normal(mean=0.0, standard_deviation=parameter.trend * _slope(parameter.prior))
+        yield Entry(f"trend.{name}", f"{parameter.unit or '1'}/year", prior, "drift")
     if parameter.drift is not None:
         yield Entry(f"drift.{name}", "", HalfNormal(scale=parameter.drift), "drift")
         for window in windows:
@@ -131,7 +133,7 @@ def _initial_name(name: str, window: Window, windows: int) -> str:
 
 
 class Moves(NamedTuple):
-    """What moves parameters in a window, term by term [t]: a number of theta times a score, or times so many years."""
+    """What moves parameters in a window, term by term [t]: a number of theta times a score, or times a number."""
 
     parameter: IntArray
     """Which of the parameters that move."""
@@ -140,7 +142,7 @@ class Moves(NamedTuple):
     score: IntArray
     """And of xi; -1: none, as of a trend, or of a drift in a window that is not calibrated on."""
     by: FloatArray
-    """Years; NaN of a drift."""
+    """Years over the parameter's slope; NaN of a drift."""
 
     def at(self, z: FloatArray, thetas: FloatArray) -> FloatArray:
         """How far each term moves its parameter [..., t] at z [..., d], which are thetas [..., d]; NaN: not known."""
@@ -238,7 +240,7 @@ def link(entries: Sequence[Entry], windows: Sequence[Window], window: Window) ->
     for k, name in enumerate(moving):
         trend, drift = _factors(name)
         if trend in place:
-            terms.append((k, place[trend], -1, years))
+            terms.append((k, place[trend], -1, years / _slope(entries[place[name]].prior)))
         if drift in place:
             terms.append((k, place[drift], place.get(f"{drift}.{window.label}", -1), np.nan))
     parameter, factor, score = np.array([own[:3] for own in terms], np.int64).reshape(-1, 3).T.copy()
@@ -249,6 +251,12 @@ def link(entries: Sequence[Entry], windows: Sequence[Window], window: Window) ->
         Priors(tuple(moving), tuple(entries[k].prior for k in columns[positions])),
         Priors(window.names, tuple(window.reads.values())).median(),
     )
+
+
+def _slope(prior: Prior) -> float:
+    """Of a parameter by its unconstrained value, at the prior's median."""
+    priors = Priors(("",), (prior,))
+    return float(priors.at(priors.to_z(priors.median())).slope[0])
 
 
 def _factors(parameter: str) -> tuple[str, str]:

@@ -12,8 +12,10 @@ from ._flags import Flag
 from .clean import clock_text
 
 _PLAN = ", or 'planned: true' of a time to come"
-_MOST = 5_000
-"""Times of a plan."""
+_MOST, _MANY = 5_000, 2_000
+"""Times of a plan, and of one that are closer to each other than the telemetry's."""
+_FINE = np.timedelta64(60, "s")
+"""Between the times of a plan, so that they show how far thermostats let temperatures go."""
 
 
 def window_bounds(window: Stretch, period: float | None) -> tuple[np.datetime64, np.datetime64]:
@@ -37,7 +39,7 @@ def select_window(dataset: xr.Dataset, window: Window, period: float | None = No
     """The samples of `dataset` with start <= time < end.
 
     Of several packets, times at which there are samples of drivers only are left out. A planned window
-    goes on, after the last temperature, at times as far apart as these are, without a valid sample.
+    goes on, after the last temperature, at times as far apart as these are, or closer, without a valid sample.
 
     period: orbital period, s; default: that of the dataset. called: what the scenario calls it, for errors. Raises
     TelemetryError when the window lies, even partly, outside the telemetry or outside one of its packets, or holds no
@@ -80,7 +82,8 @@ def _planned(dataset: xr.Dataset, start: np.datetime64, end: np.datetime64, read
     """A window of which telemetry lacks the end, or all; read: when temperatures are."""
     usual = np.median(np.diff(read)) if len(read) > 1 else np.timedelta64(0, "s")
     known = read[(read >= start) & (read < end)]
-    step = max(usual, (end - start) // _MOST, np.timedelta64(1, "s"))
+    length = end - start
+    step = max(min(usual, max(_FINE, length // _MANY)), length // _MOST, np.timedelta64(1, "s"))
     inside = np.arange(known[-1] + step if len(known) else start, end, step)
     flags = np.full((len(inside), dataset.sizes["channel"]), Flag.MISSING, np.uint8)
     empty = {name: ("time", np.full(len(inside), np.nan)) for name in dataset["channel"].to_numpy()}

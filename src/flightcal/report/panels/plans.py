@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
-from ...prediction import Extreme, extremes, is_plan
+from ...prediction import Extreme, extremes
 from ...scenario import ICE_POINT
 from ...words import number
 from .. import block
@@ -31,20 +31,16 @@ _FINELY: Final = 50
 @section("plans", "Plans")
 def panel(run: RunFiles) -> list[Block]:
     """How low and how high each channel goes, and the chance that it passes a limit; nothing without a plan."""
-    windows = {
-        name: window
-        for name, window in run.test_windows.items()
-        if is_plan(window) and has_prediction(window, "stochastic")
-    }
-    if not windows:
+    windows = {name: window for name, window in run.test_windows.items() if has_prediction(window, "stochastic")}
+    found = {name: own for name, window in windows.items() if (own := list(extremes(window, name)))}
+    if not found:
         return []
-    found = {name: list(extremes(window, name)) for name, window in windows.items()}
     words = (
-        "Nothing is measured there yet. Lowest and highest: of the temperature itself, without measurement noise, over "
-        f"the whole window, in brackets with its {run.interval}; beside it when the predicted mean is there, UTC."
+        "Of what is still to come. Lowest and highest: of the temperature itself, without measurement noise, in "
+        f"brackets with its {run.interval}; beside it when the predicted mean is there, UTC."
     )
     if any(not np.isnan(own.limit) for of in found.values() for own in of):
-        words += " Chance: that the limit is passed at any time in the window, as the draws of the posterior have it."
+        words += " Chance: that the limit is passed at any of its times, as the draws of the posterior have it."
     else:
         words += " With “limits: [0 degC, 45 degC]” of a channel the chance that it passes one stands here too."
     blocks = []
