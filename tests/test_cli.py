@@ -262,6 +262,15 @@ def test_a_full_memory_is_a_message_with_the_size(monkeypatch, tmp_path):
     assert "error: the memory is full: Unable to allocate 447. GiB" in result.output
 
 
+def test_simulate_takes_no_trend_which_would_do_nothing_to_one_window(tmp_path):
+    content = small.content()
+    content["parameters"]["link"]["trend"] = 0.5
+    small.load(tmp_path, content)
+    result = run(app, ["simulate", str(tmp_path / "scenario.yaml"), "--set", "trend.link=0.1"])
+    assert result.exit_code == USER_ERROR
+    assert "--set trend.link=0.1: found unknown parameter 'trend.link'" in result.output
+
+
 def test_simulate_starts_where_the_scenario_says_or_else_at_the_first_samples(tmp_path):
     def first(edit):
         path = write(tmp_path)

@@ -140,6 +140,15 @@ def test_a_plan_beyond_the_last_change_of_mode_is_told(tmp_path: Path, change: s
     assert ("has no change" in result.output) == bool(rest)
 
 
+def test_a_trend_beside_a_drift_wants_three_windows(tmp_path: Path):
+    written = small.content()
+    written["parameters"]["link"] |= {"trend": 0.5, "drift": 0.3}
+    small.load(tmp_path, written)
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    words = "advice: parameters.link: 'trend' beside 'drift' is told by 3 windows to train on or more, and there is 1;"
+    assert words in result.output
+
+
 @pytest.mark.parametrize(("minute", "told"), [(30, False), (300, True)])
 def test_a_driver_that_begins_with_a_plan_is_told(tmp_path: Path, minute: int, told: bool):
     """It is planned from 05:30 on, and known before up to a minute."""

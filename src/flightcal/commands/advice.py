@@ -27,6 +27,8 @@ _SHORT = 10.0
 """s, by which temperatures do not tell that a driver is late."""
 _LEAD = 12
 """Hours that are simulated before a plan, from which on little is left of how they began."""
+_APART = 3
+"""Windows that tell what changes steadily from what does not."""
 _AGES = 30.0
 """Days, from which on how a satellite ages may be seen."""
 _COARSE = 0.05
@@ -256,6 +258,12 @@ def _of_age(scenario: Scenario, trained: Sequence[Window]) -> Iterator[str]:
     """Of windows so long after what is trained on that a satellite ages."""
     import numpy as np
 
+    for name, parameter in scenario.parameters.items():
+        if parameter.trend is not None and parameter.drift is not None and len(trained) < _APART:
+            yield (
+                f"parameters.{name}: 'trend' beside 'drift' is told by {_APART} windows to train on or more, and there "
+                f"{'is' if len(trained) == 1 else 'are'} {len(trained)}; leave 'drift' out"
+            )
     if not trained or any(parameter.moves for parameter in scenario.parameters.values()):
         return
     last = max(window.span[1] for window in trained)

@@ -154,7 +154,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         verdict = verdict_of(read_run(run.path))
         run.folder.write_json(VERDICT, verdict.record)
         files = [str(file.absolute()) for file in input_files(scenario)]
-        about = "\n".join([f"Verdict: {verdict.use}", *map(str, simulator_errors(metrics))])
+        about = "\n".join([f"Verdict: {verdict.use}", *map(str, simulator_errors(metrics)), *_of_trends(problem)])
         parameters = run.stage(RESULTS, problem, genetic, sampled, text=text, about=about, files=files)
         report = write_report(run.path)
     shares, outside = heat_shares(sampled.posterior), read_unseen(run.folder.file(PREDICTION_FILE))
@@ -171,6 +171,21 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         tuple(limits_told(run.folder.file(PREDICTION_FILE))),
         checked,
     )
+
+
+def _of_trends(problem: Problem) -> list[str]:
+    """Of when the values of parameters with a trend are, for the files that have these alone."""
+    import numpy as np
+
+    names = [name for name, parameter in problem.scenario.parameters.items() if parameter.trend is not None]
+    if not names:
+        return []
+    spans = np.array([window.span for window in problem.windows]).astype("datetime64[s]").astype(float)
+    day = np.datetime_as_string(np.datetime64(int(spans.mean()), "s"), unit="D")
+    return [
+        f"As on {day}, in the middle of training: {', '.join(names)}. A simulation of this file leaves the trend out; "
+        "the errors above have it."
+    ]
 
 
 def calibrate(

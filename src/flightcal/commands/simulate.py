@@ -107,11 +107,13 @@ def _assigned(problem: Problem, assignments: list[str]) -> FloatArray:
     for name, written in {**written_values(problem.scenario), **initial}.items():
         if written is not None:
             theta[problem.names.index(name)] = written
+    # What moves a parameter from window to window does nothing to the only one.
+    settable = [entry.name for entry in problem.entries if entry.kind != "drift"]
     for text in assignments:
         name, _, value = text.partition("=")
-        if name not in problem.names:
-            near = difflib.get_close_matches(name, problem.names, 1)
-            hint = f"; did you mean '{near[0]}'?" if near else f", expected one of {', '.join(problem.names)}"
+        if name not in settable:
+            near = difflib.get_close_matches(name, settable, 1)
+            hint = f"; did you mean '{near[0]}'?" if near else f", expected one of {', '.join(settable)}"
             raise ScenarioError(f"--set {text}: found unknown parameter '{name}'{hint}")
         try:
             theta[problem.names.index(name)] = float(value)
