@@ -262,6 +262,18 @@ def test_a_full_memory_is_a_message_with_the_size(monkeypatch, tmp_path):
     assert "error: the memory is full: Unable to allocate 447. GiB" in result.output
 
 
+def test_a_plan_is_simulated_with_its_thermostats(tmp_path):
+    content = small.content()
+    content["telemetry"]["channels"]["sun"]["fill"] = "previous_orbit"
+    content["windows"]["test"] = {"start": "2024-03-01T07:10:00", "end": "2024-03-01T08:40:00", "planned": True}
+    small.load(tmp_path, content)
+    out = tmp_path / "plan.csv"
+    result = run(app, ["simulate", str(tmp_path / "scenario.yaml"), "--window", "test", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "body_temp: no sample" in result.output
+    assert pd.read_csv(out)["heater simulated"].isin([0, 1]).all()
+
+
 def test_simulate_takes_no_trend_which_would_do_nothing_to_one_window(tmp_path):
     content = small.content()
     content["parameters"]["link"]["trend"] = 0.5

@@ -140,6 +140,16 @@ def test_a_plan_beyond_the_last_change_of_mode_is_told(tmp_path: Path, change: s
     assert ("has no change" in result.output) == bool(rest)
 
 
+@pytest.mark.parametrize(("limits", "told"), [(["12 K", "26 K"], True), ([None, "90 degC"], False)])
+def test_limits_outside_of_which_a_channel_always_is_are_told(tmp_path: Path, limits: list[str | None], told: bool):
+    written = small.content()
+    written["telemetry"]["channels"]["body_temp"]["limits"] = limits
+    small.load(tmp_path, written)
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    words = "advice: telemetry.channels.body_temp.limits: more than half of its readings are outside; check their unit"
+    assert (words in result.output) == told, result.output
+
+
 def test_a_trend_beside_a_drift_wants_three_windows(tmp_path: Path):
     written = small.content()
     written["parameters"]["link"] |= {"trend": 0.5, "drift": 0.3}

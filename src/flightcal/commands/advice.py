@@ -20,7 +20,7 @@ _ALIKE = 0.1
 _LARGE = 100.0
 """m^2, of a face, beyond which it may be in cm^2."""
 _MUCH = 0.5
-"""Share of a driver's samples beyond a table, from which it is told."""
+"""Share of a channel's samples beyond a table or its limits, from which it is told."""
 _MANY_DROPPED = 0.1
 """Share of the rows that have another row's time, from which they are no accident."""
 _SHORT = 10.0
@@ -46,6 +46,7 @@ def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) 
     yield from _of_observations(scenario, data)
     yield from _of_heaters(scenario, data, trained)
     yield from _of_plans(scenario, data)
+    yield from _of_limits(scenario, data)
     yield from _of_drivers_before(scenario, data)
     yield from _of_age(scenario, trained)
     yield from of_steps(trained)
@@ -252,6 +253,21 @@ def _of_drivers_before(scenario: Scenario, data: xarray.Dataset) -> Iterator[str
                         "plan begins are hardly known; add two days of it before the plan"
                     )
                     break
+
+
+def _of_limits(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """Of limits outside of which a channel always is."""
+    import numpy as np
+
+    for name, channel in scenario.telemetry.channels.items():
+        if channel.limits is None or name not in data or not data[name].notnull().any():
+            continue
+        low, high = (
+            own if own is not None else other for own, other in zip(channel.limits, (0.0, np.inf), strict=True)
+        )
+        read = data[name].values[np.isfinite(data[name].values)]
+        if np.mean((read < low) | (read > high)) > _MUCH:
+            yield (f"telemetry.channels.{name}.limits: more than half of its readings are outside; check their unit")
 
 
 def _of_age(scenario: Scenario, trained: Sequence[Window]) -> Iterator[str]:

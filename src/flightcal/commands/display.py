@@ -20,6 +20,7 @@ from rich.text import Text
 from ..prediction import ANY, GENETIC_RUNS, Extreme, Metric, Unseen, by_place, comparison_table, simulator_errors
 from ..progress import Lines, Progress
 from ..scenario import is_trained
+from ..words import listed
 from .printing import say, table_of
 
 if TYPE_CHECKING:
@@ -131,9 +132,12 @@ def print_verdict(verdict: Mapping[str, Any], run: Path, console: Console) -> No
 
 
 def print_limits(told: Sequence[Extreme], console: Console) -> None:
-    """Of plans: the chances that limits are passed, those in colour that may be."""
+    """Of plans: the chances that limits are passed, where they may be; of the others how many there are."""
     for own in told:
-        say(console, str(own), "bold red" if own.chance > _LIKELY else "yellow" if own.chance > _MAY_BE else "")
+        if own.chance > _MAY_BE:
+            say(console, str(own), "bold red" if own.chance > _LIKELY else "yellow")
+    if hardly := sum(own.chance <= _MAY_BE for own in told):
+        say(console, f"limits that plans pass with a chance of {_MAY_BE:.0%} or less: {hardly} of {len(told)}")
 
 
 def _print_scores(metrics: Sequence[Metric], console: Console) -> None:
@@ -164,11 +168,8 @@ def _print_channels(metrics: Sequence[Metric], console: Console) -> None:
             table.add_row(row.window, row.channel, *map(_number, values), covers, width)
             scored.add(row.window)
     console.print(table)
-    for window in dict.fromkeys(row.window for row in rows if row.window not in scored):
-        say(
-            console,
-            f"{window}: there is no telemetry to score; what is predicted is in the report and in prediction.nc",
-        )
+    if left := list(dict.fromkeys(row.window for row in rows if row.window not in scored)):
+        say(console, f"{listed(left)}: there is no telemetry to score; predicted in the report and in prediction.nc")
 
 
 def print_beside(own: Summary, others: Mapping[str, Summary], console: Console | None = None) -> None:

@@ -52,7 +52,7 @@ def simulate_to_csv(
     import numpy as np
     import pandas
 
-    from ..problem import build_problem
+    from ..problem import build_window, problem_of
     from ..run import write_text
     from ..scenario import ICE_POINT, load_scenario
     from ..simulator import SimulationFailure
@@ -61,7 +61,7 @@ def simulate_to_csv(
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     name = name or scenario.train_windows[0]
     file = file or Path(f"{name}_simulated.csv")
-    problem = build_problem(scenario, read(scenario), name)
+    problem = problem_of(scenario, [build_window(scenario, read(scenario), name)])
     theta = _assigned(problem, assignments)
     (window,) = problem.windows
     try:

@@ -8,6 +8,7 @@ from .limits import Extreme, extremes, is_plan, limits_of, limits_told
 from .metrics import (
     GENETIC_RUNS,
     Metric,
+    SimulatorError,
     by_place,
     comparison_table,
     crps_of_draws,

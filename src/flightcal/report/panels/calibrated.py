@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from ...calibration import Calibrated, PriorScore
-from ...prediction import simulator_errors
-from ...words import in_digits, percent, unit
+from ...prediction import SimulatorError, simulator_errors
+from ...words import in_digits, number, percent, unit
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
@@ -53,15 +53,23 @@ def panel(run: RunFiles) -> list[Block]:
     blocks = [block.table(table(rows[:MOST_ROWS], within, moved))]
     if rows[MOST_ROWS:]:
         blocks.append(block.folded(f"{len(rows) - MOST_ROWS} more", table(rows[MOST_ROWS:], within, moved)))
-    alone = [f"{error}." for error in simulator_errors(run.metrics)]
-    if alone and run.heat is not None:
-        alone.append(_ALONE)
+    errors = simulator_errors(run.metrics)
     return [
         *blocks,
         block.text(words),
-        *([block.text(" ".join(alone))] if alone else []),
+        *([block.table(simulated_alone(errors))] if errors else []),
+        *([block.text(_ALONE)] if errors and run.heat is not None else []),
         *([block.links("To load:", run.files)] if run.files else []),
     ]
+
+
+def simulated_alone(errors: Sequence[SimulatorError]) -> Table:
+    """What the numbers are worth in windows that were not trained on: a row for each."""
+    rows = [
+        [own.window, *(number(value, 3) for value in (own.before, own.predicted, own.calibrated, own.best_fit))]
+        for own in errors
+    ]
+    return Table(("RMSE, K", "before", "this run", "calibrated.yaml alone", "best_fit.yaml alone"), rows, (1, 2, 3, 4))
 
 
 def moved_far(rows: Iterable[Calibrated], scores: Mapping[str, PriorScore]) -> set[str]:

@@ -80,4 +80,4 @@ def _against_limit(own: Extreme) -> list[str]:
     if np.isnan(own.limit):
         return ["–", "–"]
     state = "bad" if own.chance > LIKELY else "warn" if own.chance > MAY_BE else "good"
-    return [number(own.limit - ICE_POINT, 3), Cell(own.chance_in_words, state)]
+    return [f"{own.limit - ICE_POINT:.6g}".replace("-", "−"), Cell(own.chance_in_words, state)]

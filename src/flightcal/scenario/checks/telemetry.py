@@ -9,7 +9,7 @@ from ..blocks import readable
 from ..document import Issue, Location
 from ..reading import Reading
 from ..telemetry import Channel
-from ..units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
+from ..units import celsius, did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
 from .common import file_exists
 
 _RESERVED = frozenset(["time", "channel", "flags", "finding", "rows", "masked"])
@@ -40,7 +40,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Issue]:
             yield Issue((*location, "unit"), unit_problem)
         elif channel.valid_range is not None:
             yield from _check_range(channel, (*location, "valid_range"))
-        yield from _check_limits(channel, (*location, "limits"))
+        yield from _check_limits(channel, (*location, "limits"), observed=name in reading.blocks.observations)
         yield from _check_options(channel, location, reading)
     yield from _check_shared(reading)
 
@@ -161,14 +161,18 @@ def _check_range(channel: Channel, location: Location) -> Iterator[Issue]:
         yield Issue(location, f"found {lowest} to {highest}, expected the lowest value before the highest")
 
 
-def _check_limits(channel: Channel, location: Location) -> Iterator[Issue]:
+def _check_limits(channel: Channel, location: Location, *, observed: bool) -> Iterator[Issue]:
     if channel.limits is None:
         return
     lowest, highest = channel.limits
     if channel.kind != "temperature":
         yield Issue(location, f"found limits of a {channel.kind}, expected them of a temperature only")
     elif lowest is not None and highest is not None and not lowest < highest:
-        yield Issue(location, f"found {lowest:g} K to {highest:g} K, expected the lowest value before the highest")
+        found = f"found {celsius(lowest)} to {celsius(highest)}"
+        yield Issue(location, f"{found}, expected the lowest value before the highest")
+    elif not observed:
+        message = "found limits of a channel that no observation has, expected one: it is not predicted"
+        yield Issue(location, message, warning=True)
 
 
 def _check_options(channel: Channel, location: Location, reading: Reading) -> Iterator[Issue]:
