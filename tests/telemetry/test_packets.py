@@ -226,7 +226,8 @@ def test_a_window_must_lie_within_every_packet(folder: Path):
         select_window(dataset, Window(start="2024-03-01T00:05:00", end="2024-03-01T00:25:00"))
     assert str(caught.value) == (
         "window 2024-03-01T00:05:00 to 2024-03-01T00:25:00: found telemetry of packet 'power' in a part of it only, "
-        "expected a window within it; it runs from 2024-03-01T00:00:07 to 2024-03-01T00:14:57"
+        "expected a window within it, or 'planned: true' of a time to come; it runs from 2024-03-01T00:00:07 to "
+        "2024-03-01T00:14:57"
     )
 
 

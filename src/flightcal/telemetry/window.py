@@ -123,4 +123,5 @@ def _check_within(
     if end <= times[0] or start > times[-1]:
         raise TelemetryError(f"{name}: found no telemetry{of}, expected a window within it{plan}; {span}")
     if start < times[0] - slack or end > times[-1] + slack:
-        raise TelemetryError(f"{name}: found telemetry{of} in a part of it only, expected a window within it; {span}")
+        what = f"found telemetry{of} in a part of it only, expected a window within it"
+        raise TelemetryError(f"{name}: {what}{plan if end > times[-1] + slack else ''}; {span}")
