@@ -4,14 +4,15 @@ from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from flightcal import progress
 from flightcal.calibration import Calibrated
 from flightcal.commands.calibrate import Summary
-from flightcal.commands.display import display, print_beside, print_summary, unseen_in_words
-from flightcal.prediction import ANY, Metric, Unseen
+from flightcal.commands.display import display, print_beside, print_limits, print_summary, unseen_in_words
+from flightcal.prediction import ANY, Extreme, Metric, Unseen
 from flightcal.report import Finding, Verdict
 from flightcal.report.verdict import Answer
 from tests.commands.kept_run import cells_of
@@ -192,3 +193,19 @@ def test_names_that_look_like_markup_are_shown_as_they_are(clock):
         stage.at(1.0, "half[/b]")
     assert "a[/b]" in written.getvalue()
     assert "half[/b]" in written.getvalue()
+
+
+def test_of_many_limits_the_likeliest_to_be_passed_are_told_and_the_others_counted():
+    now = np.datetime64("2031-05-28T06:00")
+    chances = [*np.linspace(0.95, 0.05, 14), 0.005, 0.0]
+    told = [
+        Extreme("test.plan", f"t{k}", "lowest", 280.0, 279.0, 281.0, now, 280.0, chance, 1000)
+        for k, chance in enumerate(chances)
+    ]
+    lines = printed(print_limits, told)
+    assert lines[0] == "test.plan: t0 below its limit of 6.85 degC: chance 95.0%; lowest 6.9 (5.9 to 7.9) degC"
+    assert lines[12:] == [
+        "and 2 more, with a chance of 11.9% or less: see the page",
+        "limits that plans pass with a chance of 1% or less: 2 of 16",
+    ]
+    assert printed(print_limits, []) == []

@@ -37,6 +37,8 @@ _WORST = 3
 _WORTH_SAYING = 0.05
 """Share of a window's time, of what was not trained on."""
 _NAMED = 4
+_MOST_LIMITS = 12
+"""Limits that are told, the likeliest to be passed first."""
 _BETWEEN = 2
 """Characters between two columns."""
 _MAY_BE, _LIKELY = 0.01, 0.5
@@ -133,9 +135,11 @@ def print_verdict(verdict: Mapping[str, Any], run: Path, console: Console) -> No
 
 def print_limits(told: Sequence[Extreme], console: Console) -> None:
     """Of plans: the chances that limits are passed, where they may be; of the others how many there are."""
-    for own in told:
-        if own.chance > _MAY_BE:
-            say(console, str(own), "bold red" if own.chance > _LIKELY else "yellow")
+    may_be = [own for own in told if own.chance > _MAY_BE]
+    for own in may_be[:_MOST_LIMITS]:
+        say(console, str(own), "bold red" if own.chance > _LIKELY else "yellow")
+    if more := may_be[_MOST_LIMITS:]:
+        say(console, f"and {len(more)} more, with a chance of {more[0].chance_in_words} or less: see the page")
     if hardly := sum(own.chance <= _MAY_BE for own in told):
         say(console, f"limits that plans pass with a chance of {_MAY_BE:.0%} or less: {hardly} of {len(told)}")
 
