@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from flightcal.prediction import extremes, is_plan
-from flightcal.prediction.limits import limit_scores, limits_told, with_limits
+from flightcal.prediction.limits import limit_scores, read_limits_told, with_limits
 
 TIMES = np.datetime64("2031-05-28T00:00", "ns") + np.arange(4) * np.timedelta64(10, "m")
 LIMITS = {"tank": (280.0, None), "radio": (None, 320.0)}
@@ -70,7 +70,7 @@ def test_the_likeliest_to_pass_its_limit_is_told_first(tmp_path):
     measured = with_limits(window(observed=285.0), LIMITS)
     file = tmp_path / "prediction.nc"
     xr.DataTree.from_dict({"test.one": one, "test.other": other, "test.past": measured}).to_netcdf(file)
-    found = [(own.window, own.channel, own.chance) for own in limits_told(file)]
+    found = [(own.window, own.channel, own.chance) for own in read_limits_told(file)]
     assert found[0] == ("test.other", "tank", 0.5)
     assert {own[0] for own in found} == {"test.one", "test.other"}
     assert len(found) == 4

@@ -29,8 +29,6 @@ _LEAD = 12
 """Hours that are simulated before a plan, from which on little is left of how they began."""
 _APART = 3
 """Windows that tell what changes steadily from what does not."""
-_AGES = 30.0
-"""Days, from which on how a satellite ages may be seen."""
 _COARSE = 0.05
 """K, of the integration: more than a thermistor's step."""
 
@@ -48,6 +46,7 @@ def advice(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Window]) 
     yield from _of_plans(scenario, data)
     yield from _of_limits(scenario, data)
     yield from _of_drivers_before(scenario, data)
+    yield from _of_trends(scenario, len(trained))
     yield from _of_age(scenario, trained)
     yield from of_steps(trained)
 
@@ -267,25 +266,31 @@ def _of_limits(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
         )
         read = data[name].values[np.isfinite(data[name].values)]
         if np.mean((read < low) | (read > high)) > _MUCH:
-            yield (f"telemetry.channels.{name}.limits: more than half of its readings are outside; check their unit")
+            yield f"telemetry.channels.{name}.limits: more than half of its readings are outside; check their unit"
+
+
+def _of_trends(scenario: Scenario, windows: int) -> Iterator[str]:
+    """Of trends that so many windows to train on do not tell from drifts."""
+    for name, parameter in scenario.parameters.items():
+        if parameter.trend is not None and parameter.drift is not None and windows < _APART:
+            yield (
+                f"parameters.{name}: 'trend' beside 'drift' is told by {_APART} windows to train on or more, and there "
+                f"{'is' if windows == 1 else 'are'} {windows}; leave 'drift' out"
+            )
 
 
 def _of_age(scenario: Scenario, trained: Sequence[Window]) -> Iterator[str]:
     """Of windows so long after what is trained on that a satellite ages."""
     import numpy as np
 
-    for name, parameter in scenario.parameters.items():
-        if parameter.trend is not None and parameter.drift is not None and len(trained) < _APART:
-            yield (
-                f"parameters.{name}: 'trend' beside 'drift' is told by {_APART} windows to train on or more, and there "
-                f"{'is' if len(trained) == 1 else 'are'} {len(trained)}; leave 'drift' out"
-            )
+    from ..prediction import AGES
+
     if not trained or any(parameter.moves for parameter in scenario.parameters.values()):
         return
     last = max(window.span[1] for window in trained)
     for name, own in scenario.windows.items():
         days = (np.datetime64(own.start) - last) / np.timedelta64(1, "D")
-        if days > _AGES:
+        if days > AGES:
             yield (
                 f"windows.{name}: it begins {days:.0f} days after what is trained on, and in no interval is how the "
                 "satellite ages; write 'trend' at parameters that do, such as a radiator's absorptivity, or train on "

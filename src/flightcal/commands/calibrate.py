@@ -151,7 +151,8 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         windows=scenario.windows, limits=limits_of(scenario), settings=method.prediction, seed=seed,
     )  # fmt: skip
     with run.progress.stage("writing the report"), run.folder.stage("report", run.key(metrics)):
-        verdict = verdict_of(read_run(run.path))
+        found = read_run(run.path)
+        verdict = verdict_of(found)
         run.folder.write_json(VERDICT, verdict.record)
         files = [str(file.absolute()) for file in input_files(scenario)]
         about = "\n".join([f"Verdict: {verdict.use}", *map(str, simulator_errors(metrics)), *_of_trends(problem)])
@@ -168,7 +169,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         shares,
         outside,
         parameters,
-        tuple(limits_told(run.folder.file(PREDICTION_FILE))),
+        tuple(limits_told(found.windows)),
         checked,
     )
 
@@ -177,11 +178,12 @@ def _of_trends(problem: Problem) -> list[str]:
     """Of when the values of parameters with a trend are, for the files that have these alone."""
     import numpy as np
 
+    from ..problem import middle_of
+
     names = [name for name, parameter in problem.scenario.parameters.items() if parameter.trend is not None]
     if not names:
         return []
-    spans = np.array([window.span for window in problem.windows]).astype("datetime64[s]").astype(float)
-    day = np.datetime_as_string(np.datetime64(int(spans.mean()), "s"), unit="D")
+    day = np.datetime_as_string(middle_of(problem.windows), unit="D")
     return [
         f"As on {day}, in the middle of training: {', '.join(names)}. A simulation of this file leaves the trend out; "
         "the errors above have it."

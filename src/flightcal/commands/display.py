@@ -17,7 +17,17 @@ from rich.padding import Padding
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ..prediction import ANY, GENETIC_RUNS, Extreme, Metric, Unseen, by_place, comparison_table, simulator_errors
+from ..prediction import (
+    ANY,
+    GENETIC_RUNS,
+    MAY_BE,
+    Extreme,
+    Metric,
+    Unseen,
+    by_place,
+    comparison_table,
+    simulator_errors,
+)
 from ..progress import Lines, Progress
 from ..scenario import is_trained
 from ..words import listed
@@ -41,8 +51,7 @@ _MOST_LIMITS = 12
 """Limits that are told, the likeliest to be passed first."""
 _BETWEEN = 2
 """Characters between two columns."""
-_MAY_BE, _LIKELY = 0.01, 0.5
-"""Chances that a limit is passed, from which it is told in colour."""
+_COLOURS = {"good": "green", "warn": "yellow", "bad": "bold red", "none": "dim"}
 
 
 @contextmanager
@@ -124,9 +133,8 @@ def print_verdict(verdict: Mapping[str, Any], run: Path, console: Console) -> No
     """
     from ..report import MARKS  # which takes a second, for its figures
 
-    style = {"good": "green", "warn": "yellow", "bad": "bold red"}[verdict["state"]]
     console.print()
-    say(console, verdict["use"], style)
+    say(console, verdict["use"], _COLOURS[verdict["state"]])
     for answer in verdict["answers"]:
         say(console, f"  {answer['question']} {MARKS[answer['state']]}: {answer['answer']}")
     here = f" {shlex.quote(str(run / 'scenario.yaml'))} --out {shlex.quote(str(run))}/"
@@ -135,13 +143,13 @@ def print_verdict(verdict: Mapping[str, Any], run: Path, console: Console) -> No
 
 def print_limits(told: Sequence[Extreme], console: Console) -> None:
     """Of plans: the chances that limits are passed, where they may be; of the others how many there are."""
-    may_be = [own for own in told if own.chance > _MAY_BE]
+    may_be = [own for own in told if own.state != "good"]
     for own in may_be[:_MOST_LIMITS]:
-        say(console, str(own), "bold red" if own.chance > _LIKELY else "yellow")
+        say(console, str(own), _COLOURS[own.state])
     if more := may_be[_MOST_LIMITS:]:
         say(console, f"and {len(more)} more, with a chance of {more[0].chance_in_words} or less: see the page")
-    if hardly := sum(own.chance <= _MAY_BE for own in told):
-        say(console, f"limits that plans pass with a chance of {_MAY_BE:.0%} or less: {hardly} of {len(told)}")
+    if hardly := len(told) - len(may_be):
+        say(console, f"limits that plans pass with a chance of {MAY_BE:.0%} or less: {hardly} of {len(told)}")
 
 
 def _print_scores(metrics: Sequence[Metric], console: Console) -> None:
@@ -275,10 +283,9 @@ def _on_terminal(table: PageTable, width: int) -> Table:
 
 
 def _print_findings(findings: Sequence[Finding], console: Console) -> None:
-    colours = {"good": "green", "warn": "yellow", "bad": "bold red", "none": "dim"}
     for finding in findings:
         console.print()
-        console.print(f"{finding.mark}: {finding.title}", style=colours[finding.state], markup=False, highlight=False)
+        console.print(f"{finding.mark}: {finding.title}", style=_COLOURS[finding.state], markup=False, highlight=False)
         for line in (finding.text, *(f"- {detail}" for detail in finding.details)):
             console.print(Padding(Text(line), (0, 0, 0, 2), expand=False), highlight=False)
 

@@ -30,7 +30,7 @@ def show(
 
 def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
     """What a finished run found; every: quantities that are no parameters of the scenario, too. Raises RunError."""
-    from ..prediction import PREDICTION_FILE, limits_told, simulator_errors
+    from ..prediction import PREDICTION_FILE, read_limits_told, simulator_errors
     from .display import print_limits, print_verdict
     from .kept import ABOUT, chosen, parameter_table, read_kept
 
@@ -44,7 +44,7 @@ def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
         console.print(f"{left} more with --all: noise, heat and initial temperatures", highlight=False)
     for error in simulator_errors(kept.metrics):
         say(console, str(error))
-    print_limits(limits_told(folder / PREDICTION_FILE), console)
+    print_limits(read_limits_told(folder / PREDICTION_FILE), console)
     for name, words in ABOUT.items():
         if (folder / name).is_file():
             say(console, f"{folder / name}: {words}")

@@ -3,7 +3,7 @@
 Imports: errors, scenario.
 """
 
-from ._time import seconds_later
+from ._time import as_datetime, seconds_later, timespan
 from .attitude import slew_begins
 from .eclipse import shadow_edges, sunlit_share
 from .edges import sample_times, slew_edges, sun_edges

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,3 +39,14 @@ def terrestrial_julian_dates(times: Times) -> tuple[float, Floats]:
 def seconds_later(origin: np.datetime64, seconds: Floats) -> Times:
     """`origin` plus `seconds` [T], rounded to nanoseconds."""
     return origin.astype("datetime64[ns]") + np.round(seconds * 1e9).astype("timedelta64[ns]")
+
+
+def timespan(seconds: float) -> np.timedelta64:
+    """So many seconds, rounded to nanoseconds."""
+    return np.timedelta64(round(seconds * 1e9), "ns")
+
+
+def as_datetime(time: np.datetime64) -> datetime:
+    """A time as a scenario's blocks hold it, to the microsecond."""
+    found: datetime = time.astype("datetime64[us]").item()
+    return found

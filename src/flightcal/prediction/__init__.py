@@ -4,7 +4,7 @@ Imports: calibration, emulation, environment, errors, probability, problem, run,
 """
 
 from .holding import HELD, Holding, hold_together, replicates_of
-from .limits import Extreme, extremes, is_plan, limits_of, limits_told
+from .limits import MAY_BE, Extreme, extremes, is_plan, limits_of, limits_told, read_limits_told
 from .metrics import (
     GENETIC_RUNS,
     Metric,
@@ -19,4 +19,4 @@ from .metrics import (
 )
 from .predict import predict
 from .stages import PREDICT, PREDICTION_FILE
-from .unseen import ANY, Unseen, read_unseen
+from .unseen import AGES, ANY, Unseen, read_unseen

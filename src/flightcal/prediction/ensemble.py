@@ -108,9 +108,8 @@ def propagate(
     interval: probability inside, such as 0.95; errors: of each theta (None: independent noise); heat: [S, h, 2 K] W
     that no block describes, of each theta; thresholds: of each theta (None: as written); known:
     [S, T, N] K, a surrogate's error of each theta (None: drawn); on: [S, H] heaters that are on at first (None: as
-    the status or the scenario says); counting: [T] times at which extremes are looked
-    for (None: all). Raises RunError when more than half of
-    the simulations fail.
+    the status or the scenario says); counting: [T] times at which extremes are looked for (None: all). Raises RunError
+    when more than half of the simulations fail.
     """
     trained, runs = is_trained(window.name), simulated(window, thetas, rng, heat, thresholds, on)
     usable = np.ones(len(thetas), bool) if errors is None else errors.usable()

@@ -26,6 +26,7 @@ from ..problem import (
 )
 from ..simulator import FloatArray, Trajectory
 from .errors import WindowErrors
+from .initial import final_temperatures
 from .thresholds import Thresholds, draw_thresholds
 
 _SAME_TIME = np.timedelta64(1, "s")
@@ -150,12 +151,6 @@ def _end(
 ) -> End:
     """Where a training window ends, at thetas [S, q], their simulations with heat, and these errors [S, T, N] K."""
     time = window.span[1]
-    names, simulated = (
-        [name for name in of if name.startswith("initial.")] for of in (window.names, window.simulator.parameters)
-    )
-    # The simulator numbers its nodes as it eliminates them.
-    order = [simulated.index(name) for name in names]
-    states = np.stack([np.full(len(names), np.nan) if run is None else run.final[order] for run in runs])
     noise = np.zeros((len(runs), window.observed.shape[1]))
     for k, kind in enumerate(window.residuals.terms.kinds):
         last = np.flatnonzero(window.valid[:, k])[-1:]
@@ -170,7 +165,7 @@ def _end(
             known = process * white / (process + white)
             variance = fading**2 * known + process * (1.0 - fading**2)
             noise[s, k] = fading * left * process / (process + white) + np.sqrt(variance) * rng.standard_normal()
-    return End(time, states, noise, window.status[-1])
+    return End(time, final_temperatures(window, runs), noise, window.status[-1])
 
 
 @dataclass(frozen=True)

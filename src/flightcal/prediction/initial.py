@@ -9,15 +9,16 @@ The update is iterated (Gauss-Newton), with a Jacobian at the median of the draw
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..environment import orbit_phase
+from ..environment import orbit_phase, seconds_later
 from ..problem import Problem, Window
 from ..scenario import ExternalModel, Normal
-from ..simulator import FloatArray, SimulationFailure, courses
+from ..simulator import FloatArray, SimulationFailure, Trajectory, courses
 from .errors import FirstErrors, WhiteErrors
 
 _DIFFERENCE = 0.01  # K
@@ -82,7 +83,7 @@ def _at_the_place(first: Window, window: Window) -> FloatArray:
     """[K] how much the steps of a training window count: those at the place in the orbit where another begins."""
     assert window.network is not None
     edges = window.network.drive.times
-    middle = window.start + np.round(0.5e9 * (edges[1:] + edges[:-1])).astype("timedelta64[ns]")
+    middle = seconds_later(window.start, 0.5 * (edges[1:] + edges[:-1]))
     environment, folder = first.scenario.environment, first.scenario.folder
     phases = orbit_phase(environment, np.append(middle, first.start), folder, window.start)
     off = np.remainder(phases[:-1] - phases[-1] + 0.5, 1.0) - 0.5
@@ -170,22 +171,31 @@ def condition_start(
 
 def _drawn(first: Window, thetas: FloatArray, factors: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Thetas [S, q] with initial temperatures drawn around theirs; factors: [S, n, n] Cholesky's, of the precisions."""
-    positions = _initial(first)
+    positions = initial_places(first)
     for theta, factor in zip(thetas, factors, strict=True):
         theta[positions] += np.linalg.solve(factor.T, rng.standard_normal(len(positions)))
     return thetas
 
 
-def _initial(first: Window) -> NDArray[np.intp]:
+def initial_places(window: Window) -> NDArray[np.intp]:
     """Places of initial temperatures in theta."""
-    return np.array([k for k, name in enumerate(first.names) if name.startswith("initial.")], np.intp)
+    return np.array([k for k, name in enumerate(window.names) if name.startswith("initial.")], np.intp)
+
+
+def final_temperatures(window: Window, runs: Sequence[Trajectory | None]) -> FloatArray:
+    """[S, n] K at a window's end of what has an initial temperature, in theta's order; NaN where a run failed."""
+    names = [window.names[k] for k in initial_places(window)]
+    # The simulator numbers its nodes as it eliminates them.
+    simulated = [name for name in window.simulator.parameters if name.startswith("initial.")]
+    order = [simulated.index(name) for name in names]
+    return np.stack([np.full(len(names), np.nan) if run is None else run.final[order] for run in runs])
 
 
 def _conditioned(
     first: Window, thetas: FloatArray, errors: FirstErrors | WhiteErrors, heat: FloatArray | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Thetas [S, q] at the mean, Cholesky factors [S, n, n] of the precisions, and log densities [S] of the samples."""
-    positions, thetas = _initial(first), thetas.copy()
+    positions, thetas = initial_places(first), thetas.copy()
     if not len(positions):
         return thetas, np.empty((len(thetas), 0, 0)), np.zeros(len(thetas))
     priors = [first.reads[first.names[k]] for k in positions]

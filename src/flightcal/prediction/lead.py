@@ -7,12 +7,12 @@ had the temperatures, for what is off there fades in the days that are simulated
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Final
 
 import numpy as np
 import xarray
 
+from ..environment import as_datetime, timespan
 from ..errors import FlightcalError
 from ..problem import Problem, Window, build_window, dressed
 from ..scenario import Window as Span
@@ -21,7 +21,7 @@ from ..telemetry import driver_gaps, when_read
 from .ensemble import simulated
 from .errors import white_errors
 from .heat import DrawnHeat, heated_window
-from .initial import around_usual, begun
+from .initial import around_usual, begun, final_temperatures, initial_places
 
 LEAD: Final = "lead"
 """The window before a plan."""
@@ -59,13 +59,13 @@ def lead_up_to(
     None: its first samples are known, or nothing of the time before it is. drawn: heat of the draws, if any.
     """
     span = problem.scenario.calibration.prediction.initial_span
-    early = window.times < window.start + _seconds(span)
+    early = window.times < window.start + timespan(span)
     if window.network is None or np.isfinite(window.observed[early]).any():
         return None
     start, words = _start(problem, telemetry, window)
     if start >= window.start:
         return None
-    ahead = Span(start=_moment(start), end=_moment(window.start), planned=True)
+    ahead = Span(start=as_datetime(start), end=as_datetime(window.start), planned=True)
     scenario = problem.scenario.model_copy(update={"windows": {**problem.scenario.windows, LEAD: ahead}})
     try:
         lead, first = (build_window(scenario, telemetry, LEAD, span=own) for own in (None, span))
@@ -92,14 +92,14 @@ def _start(problem: Problem, telemetry: xarray.Dataset, window: Window) -> tuple
     span = problem.scenario.calibration.prediction.initial_span
     read = when_read(telemetry)
     before = read[read < window.start]
-    earliest = window.start - _seconds(max(_LONGEST, _ORBITS * window.period))
+    earliest = window.start - timespan(max(_LONGEST, _ORBITS * window.period))
     for name, channel in problem.scenario.telemetry.channels.items():
         if channel.kind == "driver" and name in telemetry:
             for begin, end in driver_gaps(telemetry, name, channel.bridge)[0]:
                 if begin < window.start:
                     earliest = max(earliest, end)
-    if len(before) and before[-1] >= min(earliest, window.start - _seconds(_BRIDGED)):
-        return before[-1] - _seconds(span), "that of the last telemetry, simulated on"
+    if len(before) and before[-1] >= min(earliest, window.start - timespan(_BRIDGED)):
+        return before[-1] - timespan(span), "that of the last telemetry, simulated on"
     hours = (window.start - earliest) / np.timedelta64(1, "h")
     return earliest, f"simulated from {hours:.0f} h before on, from where training had it"
 
@@ -108,24 +108,11 @@ def _at_the_end(
     window: Window, thetas: FloatArray, runs: list[Trajectory | None], words: str, rng: np.random.Generator
 ) -> Led | None:
     """What the window begins with; a draw whose simulation failed has what another one has."""
-    done = np.flatnonzero([run is not None and bool(np.isfinite(run.final).all()) for run in runs])
+    finals = final_temperatures(window, runs)
+    done = np.flatnonzero(np.isfinite(finals).all(axis=1))
     if not len(done):
         return None
-    names = [name for name in window.names if name.startswith("initial.")]
-    # The simulator numbers its nodes as it eliminates them.
-    simulated_names = [name for name in window.simulator.parameters if name.startswith("initial.")]
-    order = [simulated_names.index(name) for name in names]
     taken = np.where(np.isin(np.arange(len(runs)), done), np.arange(len(runs)), rng.choice(done, len(runs)))
-    finals = [run for k in taken if (run := runs[k]) is not None]
     thetas = thetas.copy()
-    thetas[:, [window.names.index(name) for name in names]] = np.stack([run.final[order] for run in finals])
-    return Led(thetas, np.stack([np.round(run.status[-1]) for run in finals]), words)
-
-
-def _seconds(count: float) -> np.timedelta64:
-    return np.timedelta64(round(count * 1e9), "ns")
-
-
-def _moment(time: np.datetime64) -> datetime:
-    moment: datetime = time.astype("datetime64[us]").item()
-    return moment
+    thetas[:, initial_places(window)] = finals[taken]
+    return Led(thetas, np.stack([np.round(run.status[-1]) for k in taken if (run := runs[k]) is not None]), words)

@@ -19,6 +19,8 @@ from .metrics import STOCHASTIC, Metric
 Limits = Mapping[str, tuple[float | None, float | None]]
 """Lowest and highest temperature that operations allow, K, by channel."""
 
+MAY_BE, _LIKELY = 0.01, 0.5
+"""Chances that a limit is passed, from which it may be and from which that is expected."""
 _LOWER, _UPPER = "lower_limit", "upper_limit"
 
 
@@ -48,6 +50,11 @@ class Extreme:
         return "below" if self.end == "lowest" else "above"
 
     @property
+    def state(self) -> Literal["good", "warn", "bad"]:
+        """Whether the limit is hardly passed, may be, or is expected to be."""
+        return "bad" if self.chance > _LIKELY else "warn" if self.chance > MAY_BE else "good"
+
+    @property
     def chance_in_words(self) -> str:
         """The chance in words, as finely as the simulations tell it."""
         least = 1.0 / self.draws
@@ -63,7 +70,7 @@ class Extreme:
         )
 
 
-def limits_of(scenario: Scenario) -> dict[str, tuple[float | None, float | None]]:
+def limits_of(scenario: Scenario) -> Limits:
     """The limits of a scenario's observed channels that have any."""
     channels = {name: scenario.telemetry.channels[name] for name in scenario.observations}
     return {name: channel.limits for name, channel in channels.items() if channel.limits is not None}
@@ -124,13 +131,13 @@ def limit_scores(window: xr.Dataset, name: str) -> list[Metric]:
     ]
 
 
-def limits_told(file: Path) -> list[Extreme]:
-    """Of prediction.nc: all extremes in plans whose channels have a limit there, the likeliest to pass it first.
-
-    None where the file is not there.
-    """
-    if not file.is_file():
-        return []
-    plans = {str(name): group.to_dataset() for name, group in read_tree(file).children.items()}
-    found = [own for name, window in plans.items() for own in extremes(window, name)]
+def limits_told(windows: Mapping[str, xr.Dataset]) -> list[Extreme]:
+    """Of groups of prediction.nc: extremes of plans whose channels have a limit there, the likeliest to pass first."""
+    found = [own for name, window in windows.items() for own in extremes(window, name)]
     return sorted((own for own in found if not np.isnan(own.limit)), key=lambda own: -own.chance)
+
+
+def read_limits_told(file: Path) -> list[Extreme]:
+    """The same of the file; none where it is not there."""
+    tree = read_tree(file).children if file.is_file() else {}
+    return limits_told({str(name): group.to_dataset() for name, group in tree.items()})

@@ -10,7 +10,7 @@ import numpy as np
 import xarray
 
 from ..emulation import EmulatedSimulator
-from ..environment import orbit_phase, sunlit_share
+from ..environment import orbit_phase, sunlit_share, timespan
 from ..probability import Shaped
 from ..problem import Problem, Window, build_window, dressed
 from ..run import labelled
@@ -21,7 +21,7 @@ from .ensemble import Ensemble, propagate
 from .errors import WindowErrors, white_errors, window_errors
 from .heat import DrawnHeat, Heated, draw_heat, heated_window
 from .holding import replicate
-from .initial import around_usual, begun, condition_initial
+from .initial import around_usual, begun, condition_initial, initial_places
 from .innovations import innovations, noise_in_words
 from .labels import LABELS
 from .lead import UNKNOWN, lead_up_to
@@ -74,7 +74,7 @@ def predict(
             thetas = condition_initial(first, thetas, white_errors(window, thetas))
         if ended is not None:
             scored[:] = True
-            inside[:, [k for k, own in enumerate(window.names) if own.startswith("initial.")]] = ended.temperatures
+            inside[:, initial_places(window)] = ended.temperatures
         elif (led := lead_up_to(problem, telemetry, window, draws, inside, drawn, rng)) is not None:
             scored[:] = True
             inside, on = led.thetas, led.on
@@ -92,7 +92,7 @@ def predict(
         coming = to_come(window.times, window.observed)
     if coming.any():
         # Of a plan that goes on from telemetry, the first minutes belong to that.
-        scored &= coming | (window.times >= window.start + np.timedelta64(round(settings.initial_span), "s"))
+        scored &= coming | (window.times >= window.start + timespan(settings.initial_span))
     counting = coming if coming.any() else scored
     ensemble = propagate(for_draws, inside, settings.interval, rng, errors, on=on, counting=counting, **of_heat)
     runs = window.simulate_many(thetas) if len(thetas) else []

@@ -17,6 +17,8 @@ from ..run import read_tree
 from ..scenario import heat_of
 from ..simulator import FloatArray
 
+AGES = 30.0
+"""Days after training, from which on how a satellite ages may be seen."""
 ANY = "any"
 """Name of the share of time in which at least one thing is outside."""
 _WIDER = 0.05

@@ -5,7 +5,7 @@ Imports: compiled, environment, errors, external, probability, reduction, scenar
 
 from .build import build_problem, build_window, initial_priors, initial_temperatures, open_windows, problem_of
 from .coordinates import Whitening, whitening
-from .entries import Entry
+from .entries import Entry, middle_of
 from .heat import (
     as_sampled,
     at_sizes,

@@ -20,6 +20,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ..environment import timespan
 from ..probability import Priors, PriorTerms, signed
 from ..scenario import HalfNormal, Normal, Prior, Scenario, is_difference, timed_together
 from ..simulator import TIME_ERROR, FloatArray, IntArray
@@ -266,5 +267,11 @@ def _factors(parameter: str) -> tuple[str, str]:
 
 def _years_after(windows: Sequence[Window], window: Window) -> float:
     """Years from the mean of the middles of windows to the middle of another."""
-    seconds = [(own.start - window.start) / np.timedelta64(1, "ns") * 1e-9 + 0.5 * own.duration for own in windows]
-    return float(0.5 * window.duration - np.mean(seconds)) / _YEAR
+    after = (middle_of([window]) - middle_of(windows)) / np.timedelta64(1, "ns") * 1e-9
+    return float(after) / _YEAR
+
+
+def middle_of(windows: Sequence[Window]) -> np.datetime64:
+    """The mean of the middles of windows, UTC."""
+    middles = [own.start + timespan(0.5 * own.duration) for own in windows]
+    return np.datetime64(middles[0] + np.mean([middle - middles[0] for middle in middles]))

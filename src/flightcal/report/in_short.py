@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
 from . import backtest_page, comparison_page, validation_page
 from .findings import Finding
-from .run_files import Record, read_content
+from .run_files import read_content
 from .tables import Table
 
-InShort = tuple[list[Table], list[Finding]]
-
-_KINDS: Final[Mapping[str, Callable[[Record], InShort]]] = {
-    "backtest": lambda content: (backtest_page.first_tables(content), backtest_page.findings(content)),
-    "comparison": lambda content: (comparison_page.first_tables(content), comparison_page.findings(content)),
-    "validation": lambda content: (validation_page.first_tables(content), validation_page.findings(content)),
-}
+_PAGES: Final = {"backtest": backtest_page, "comparison": comparison_page, "validation": validation_page}
 
 
-def in_short(folder: Path, kind: str) -> InShort:
+def in_short(folder: Path, kind: str) -> tuple[list[Table], list[Finding]]:
     """Of a `backtest`, `comparison` or `validation` in a folder. Raises RunError where that is not there."""
-    return _KINDS[kind](read_content(folder, kind))
+    page, content = _PAGES[kind], read_content(folder, kind)
+    return page.first_tables(content), page.findings(content)

@@ -11,7 +11,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import orbital_period
+from ..environment import as_datetime, orbital_period, timespan
 from ..errors import RunError, TelemetryError
 from ..scenario import Scenario, SimulatorModel, Window, to_si
 from ..simulator import FloatArray
@@ -49,7 +49,7 @@ class Origin:
     def scenario(self, whole: Scenario) -> Scenario:
         """The scenario with two windows: `train`, and `AHEAD` for what follows."""
         spans = {"train": (self.start, self.time), AHEAD: (self.time, self.end)}
-        windows = {name: Window(start=_moment(start), end=_moment(end)) for name, (start, end) in spans.items()}
+        windows = {name: Window(start=as_datetime(start), end=as_datetime(end)) for name, (start, end) in spans.items()}
         return whole.model_copy(update={"windows": windows})
 
 
@@ -103,15 +103,15 @@ def plan_origins(
     def reason(at: np.datetime64) -> str:
         """Why there can be no origin; "": there can."""
         for words, begin, end in (("training before", -train, 0.0), ("orbit after", 0.0, period)):
-            inside = (times >= at + _span(begin)) & (times < at + _span(end))
+            inside = (times >= at + timespan(begin)) & (times < at + timespan(end))
             if inside.sum() * usual < _FEWEST * (end - begin):
                 return f"the {words} has less than half as many samples as usual"
-            if not _bridged(scenario, telemetry, drivers, at + _span(begin), at + _span(end), period):
+            if not _bridged(scenario, telemetry, drivers, at + timespan(begin), at + timespan(end), period):
                 return f"a measured driver has a gap in the {words} that cannot be bridged"
         return ""
 
-    last = min(times[-1] + _span(spacing), end_of_telemetry(telemetry))
-    first, latest = times[0] + _span(train - spacing), last - _span(period)
+    last = min(times[-1] + timespan(spacing), end_of_telemetry(telemetry))
+    first, latest = times[0] + timespan(train - spacing), last - timespan(period)
     if latest < first:
         found = (times[-1] - times[0]) / np.timedelta64(1, "s") / period
         raise RunError(
@@ -128,11 +128,11 @@ def plan_origins(
     chosen = usable[np.unique(np.linspace(0, len(usable) - 1, count).round().astype(int))]
     origins = []
     for at in chosen:
-        end = min(at + _span(horizon), last)
+        end = min(at + timespan(horizon), last)
         # Shorter where a driver ends: the first orbit is known to be there.
         while not _bridged(scenario, telemetry, drivers, at, end, period):
-            end -= _span(period / _PARTS)
-        origins.append(Origin(max(at - _span(train), times[0]), at, end))
+            end -= timespan(period / _PARTS)
+        origins.append(Origin(max(at - timespan(train), times[0]), at, end))
     return Plan(tuple(origins), train, horizon, period, drivers, _stretches(tried, reasons))
 
 
@@ -195,13 +195,5 @@ def _stretches(tried: Times, reasons: list[str]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _span(seconds: float) -> np.timedelta64:
-    return np.timedelta64(round(seconds * 1e9), "ns")
-
-
 def _spans(seconds: FloatArray) -> NDArray[np.timedelta64]:
     return np.round(seconds * 1e9).astype("timedelta64[ns]")
-
-
-def _moment(time: np.datetime64) -> Any:
-    return str(time.astype("datetime64[us]"))

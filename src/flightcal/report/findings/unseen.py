@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...prediction import HELD, Holding
-from ...words import listed, number, percent
+from ...prediction import AGES, HELD, Holding
+from ...words import listed, moment, number, percent
 from ..panels.duty import CLOSED, duties
 from ..panels.parameters import shortened
 from ..panels.picture import holdings, wide_intervals
@@ -26,8 +26,6 @@ _OUTSIDE = 0.05
 """Share of a window's time outside of what training contained, above which a title says so."""
 _CONSTANT = 0.9
 """Share of the root mean square of an error that is its mean, above which it is there all the time."""
-_AGES = 30.0
-"""Days, from which on how a satellite ages may be seen."""
 _FAR, _MOSTLY = 2.0, 0.8
 """Half widths of an interval, and share of the samples, that make a stretch in which something else was flown."""
 _OF_DUTY = {"inside": "", "beside": ", beside it, as may be by chance", "outside": ", which leaves telemetry out"}
@@ -171,11 +169,20 @@ def _told(judged: Sequence[Holding]) -> str:
 
 def _farthest(window: xr.Dataset, channel: str) -> tuple[str, str]:
     """When a channel is farthest off for its interval, UTC, and by how much, in words."""
-    own, off = window.sel(channel=channel), _off(window, channel)
-    lower, upper = (own[name].sel({"by": "stochastic"}).values for name in ("lower", "upper"))
-    k = int(np.nanargmax(np.abs(off) / (upper - lower)))
-    when = f"{np.datetime_as_string(own['time'].values[k], unit='m').replace('T', ' ')} UTC"
-    return when, _beside(off[k])
+    off = _off(window, channel)
+    k = int(np.nanargmax(np.abs(off) / _width(window, channel)))
+    return f"{_minute(window, k)} UTC", _beside(off[k])
+
+
+def _width(window: xr.Dataset, channel: str) -> NDArray[np.float64]:
+    """[T] K, of a channel's interval."""
+    own = window.sel(channel=channel, by="stochastic")
+    return np.asarray((own["upper"] - own["lower"]).values, float)
+
+
+def _minute(window: xr.Dataset, k: int) -> str:
+    """When a sample of a window is, UTC."""
+    return moment(window["time"].values[k])[:16]
 
 
 def _on_average(window: xr.Dataset, channel: str) -> str:
@@ -196,7 +203,7 @@ def _beside_throughout(name: str, window: xr.Dataset, channels: Sequence[str], d
     first, *others = constant
     likewise = f", and {shortened(others)} likewise" if others else ""
     what = f"{first} is {_on_average(window, first)} from beginning to end{likewise}."
-    if days > _AGES:
+    if days > AGES:
         what += f" It is {days:.0f} days after training: train on both, with 'trend' at what ages."
     return f"Find what differs in “{name}”: {what}"
 
@@ -211,21 +218,18 @@ def _days_after(run: RunFiles, window: xr.Dataset) -> float:
 def _for_a_while(window: xr.Dataset, channels: Sequence[str]) -> str:
     """What to do next where one of the channels that do not hold, the worst first, is off in one stretch; else ""."""
     for channel in channels:
-        off, own = _off(window, channel), window.sel(channel=channel)
-        lower, upper = (own[name].sel({"by": "stochastic"}).values for name in ("lower", "upper"))
+        off = _off(window, channel)
         scored = np.flatnonzero(np.isfinite(off))
-        outside = (np.abs(off) > _FAR * 0.5 * (upper - lower))[scored]
+        outside = (np.abs(off) > _FAR * 0.5 * _width(window, channel))[scored]
         if not outside.any():
             continue
         begin, end = scored[np.flatnonzero(outside)[[0, -1]]]
         inside = outside[(scored >= begin) & (scored <= end)]
         if inside.mean() > _MOSTLY and len(inside) < _MOSTLY * len(scored):
-            since, until = (
-                np.datetime_as_string(own["time"].values[k], unit="m").replace("T", " ") for k in (begin, end)
-            )
+            how = _beside(float(np.nanmean(off[begin : end + 1])))
             return (
-                f"Find what was flown otherwise from {since} to {until} UTC, as a mode or attitude that the scenario "
-                f"has not there: {channel} is {_beside(float(np.nanmean(off[begin : end + 1])))}."
+                f"Find what was flown otherwise from {_minute(window, begin)} to {_minute(window, end)} UTC, as a mode "
+                f"or attitude that the scenario has not there: {channel} is {how}."
             )
     return ""
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from ...prediction import Extreme, extremes
 from ...scenario import ICE_POINT
-from ...words import number
+from ...words import moment, number
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
@@ -19,9 +19,6 @@ from ..windows import degrees
 from .picture import HEIGHTS
 from .prediction import figure_stochastic, unseen
 
-MAY_BE: Final = 0.01
-LIKELY: Final = 0.5
-"""Chances that a limit is passed, from which it may be and from which it is expected."""
 _SHOWN: Final = 2
 """Channels whose prediction is drawn, the likeliest to pass a limit first."""
 _FINELY: Final = 50
@@ -64,7 +61,7 @@ def table(window: xr.Dataset, found: Sequence[Extreme]) -> Table:
     rows: dict[str, list[str]] = {}
     limited = {own.channel for own in found if not np.isnan(own.limit)}
     for own in found:
-        when = np.datetime_as_string(own.time, unit="m").replace("T", " ")[len("2024-") :]
+        when = moment(own.time)[len("2024-") : 16]
         middle, lower, upper = (number(value - ICE_POINT, 3) for value in (own.median, own.lower, own.upper))
         row = rows.setdefault(own.channel, [own.channel])
         row += [f"{middle} ({lower} to {upper})", when]
@@ -79,5 +76,4 @@ def table(window: xr.Dataset, found: Sequence[Extreme]) -> Table:
 def _against_limit(own: Extreme) -> list[str]:
     if np.isnan(own.limit):
         return ["–", "–"]
-    state = "bad" if own.chance > LIKELY else "warn" if own.chance > MAY_BE else "good"
-    return [f"{own.limit - ICE_POINT:.6g}".replace("-", "−"), Cell(own.chance_in_words, state)]
+    return [f"{own.limit - ICE_POINT:.6g}".replace("-", "−"), Cell(own.chance_in_words, own.state)]
