@@ -72,7 +72,7 @@ def considered(
     if not np.isfinite(precision).all():
         return None
     precision[d:, d:] += np.eye(len(paths))
-    alone, together = (whitening(centre, own).factor for own in (precision[:d, :d], precision))
+    alone, together = (whitening(centre, matrix).factor for matrix in (precision[:d, :d], precision))
     gain = -(alone @ alone.T) @ precision[:d, d:]
     errors = together[d:]
     off = np.random.default_rng(seed).standard_normal((len(z), len(together))) @ errors.T
@@ -106,11 +106,11 @@ def _effects(problem: Problem, theta: FloatArray, within: float) -> tuple[list[s
             of_windows = [_effect(window, problem.at(window, theta), k) for window in problem.windows]
         except SimulationFailure:
             continue
-        found.append((paths[k], [within * own for own in of_windows]))
+        found.append((paths[k], [within * of_window for of_window in of_windows]))
     if not found:
         return None
     names, columns = zip(*found, strict=True)
-    return list(names), [np.stack(own, axis=-1) for own in zip(*columns, strict=True)]
+    return list(names), [np.stack(column, axis=-1) for column in zip(*columns, strict=True)]
 
 
 def _effect(window: Window, theta: FloatArray, place: int) -> FloatArray:

@@ -143,7 +143,7 @@ def with_gate(diagnostics: Diagnostics, gate: Gate) -> Diagnostics:
 
 def fewest_effective(parameters: Sequence[ParameterSummary]) -> float:
     """Effective draws of the quantity with the fewest, of the middle or of the tails; NaN where one's are unknown."""
-    return float(np.min([[own.ess_bulk, own.ess_tail] for own in parameters]))
+    return float(np.min([[summary.ess_bulk, summary.ess_tail] for summary in parameters]))
 
 
 def draws_wanted(draws: int, effective: float, settings: NutsSettings) -> float:
@@ -216,8 +216,8 @@ def _r_hat_by_chance(values: FloatArray, quantities: int) -> float:
     from arviz_stats.base import array_stats
 
     halves = 2 * len(values)
-    bulk = sum(float(array_stats.ess(own[None], method="bulk")) for own in values)
-    tail = sum(float(array_stats.ess(own[None], method="tail", prob=_TAIL)) for own in values)
+    bulk = sum(float(array_stats.ess(value[None], method="bulk")) for value in values)
+    tail = sum(float(array_stats.ess(value[None], method="tail", prob=_TAIL)) for value in values)
     # Of the values, and folded around their median.
     scatter = chdtri(halves - 1, _CHANCE / (2 * quantities)) / (halves - 1)
     return math.sqrt(1.0 + halves / min(bulk, tail) * scatter)
@@ -252,7 +252,7 @@ def _divergence_gate(posterior: Mapping[str, FloatArray], diverging: FloatArray,
     ends = []
     if count >= _FEWEST_DIVERGENT:
         ends = [(name, end, outer) for name, values in posterior.items() for end, outer in _outer_draws(values)]
-    of_heat = [own for own in ends if own[0].startswith("heat.") and own[1] == "lower"]
+    of_heat = [near for near in ends if near[0].startswith("heat.") and near[1] == "lower"]
     broken = diverging.astype(bool)
     excused, where = _crowd(broken, of_heat)
     crowded, elsewhere = _crowd(broken & ~excused, ends)

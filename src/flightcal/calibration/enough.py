@@ -77,12 +77,12 @@ def sample_enough(
 
 def _failed(judged: Diagnostics) -> dict[str, Gate]:
     """The gates that are not passed, by name."""
-    return {own.name: own for own in judged.gates if not own.passed}
+    return {gate.name: gate for gate in judged.gates if not gate.passed}
 
 
 def _wanting(judged: Diagnostics) -> str:
     """What the gates that failed found."""
-    return " and ".join(f"{own.name} {own.found}, not {own.required}" for own in _failed(judged).values())
+    return " and ".join(f"{gate.name} {gate.found}, not {gate.required}" for gate in _failed(judged).values())
 
 
 def _careful(judged: Diagnostics, settings: NutsSettings) -> NutsSettings | None:
@@ -100,7 +100,7 @@ def _more(judged: Diagnostics, drawn: int, settings: NutsSettings) -> int:
     if not failed.keys() <= _FEW or not least > 0.0:
         return 0
     if "R-hat" in failed:
-        if not max(own.r_hat for own in judged.parameters) < settings.max_r_hat + _NEAR:
+        if not max(summary.r_hat for summary in judged.parameters) < settings.max_r_hat + _NEAR:
             return 0
         wanted = 2 * drawn
     if least <= settings.min_ess:
@@ -133,7 +133,8 @@ def _joined(first: Draws, second: Draws) -> Draws:
         first,
         z=np.concatenate([first.z, second.z], axis=1),
         statistics={
-            name: np.concatenate([own, second.statistics[name]], axis=1) for name, own in first.statistics.items()
+            name: np.concatenate([statistic, second.statistics[name]], axis=1)
+            for name, statistic in first.statistics.items()
         },
         gradients=first.gradients + second.gradients,
         warmup_gradients=first.warmup_gradients + second.warmup_gradients,

@@ -79,7 +79,7 @@ def with_found_states(problem: Problem, theta: FloatArray) -> Problem | None:
     if heat_of(problem.scenario) is None or not _are_silent(windows):
         return None
     try:
-        held, _ = _settled(problem, windows, [held_by(own, problem.at(own, theta)) for own in windows], theta)
+        held, _ = _settled(problem, windows, [held_by(window, problem.at(window, theta)) for window in windows], theta)
     except SimulationFailure as failure:
         raise FlightcalError(f"heaters without a status: {failure}, next to the mode") from None
     return replace(problem, windows=_holding(windows, held), open_loop=None)
@@ -92,7 +92,9 @@ def _are_silent(windows: Sequence[Window]) -> bool:
 
 def _holding(windows: Sequence[Window], held: Sequence[Held | None]) -> tuple[Window, ...]:
     """Windows whose heaters do what is held."""
-    return tuple(own if of_own is None else hold(own, of_own) for own, of_own in zip(windows, held, strict=True))
+    return tuple(
+        window if of_own is None else hold(window, of_own) for window, of_own in zip(windows, held, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ def _search(problem: Problem, windows: Sequence[Window], held: Sequence[Held | N
     known = _holding(windows, held)
     model = heat_in_prior(problem, known)
     assert model is not None
-    return Search(problem, known, replace(model, held=tuple(own for own in held if own is not None)))
+    return Search(problem, known, replace(model, held=tuple(in_window for in_window in held if in_window is not None)))
 
 
 def _quiet(search: Search) -> FloatArray:
@@ -178,10 +180,10 @@ def _better_held(
     sizes: [s]; bases: the directions of heat that count; keeps: see `with_states`.
     """
     found: list[list[HeaterTimes]] = []
-    for own, around in zip(held, point.each, strict=True):
+    for in_window, around in zip(held, point.each, strict=True):
         theta = search.problem.at(around.window, search.problem.to_theta(point.z))
-        found.append([] if own is None else heater_times(around.window, own, theta, search.model))
-    everything = [own for of_window in found for own in of_window]
+        found.append([] if in_window is None else heater_times(around.window, in_window, theta, search.model))
+    everything = [times for of_window in found for times in of_window]
     if not everything:
         return list(held)
     states = iter(exchanged(everything, *_by_power(search, point, found, sizes, bases)))
@@ -204,22 +206,22 @@ def _by_power(
     """Slope and curvature of the log density, for power added in the times of heaters; all else integrated out."""
     mean, deviation = search.prior_of_z(point.z)
     from_prior = np.concatenate([search.of_bases(point.weights, bases), point.z[search.moving] - mean])
-    kept = [own.shape[1] for own in bases]
+    kept = [base.shape[1] for base in bases]
     # How uncertain a switch is that is there now is no matter of where it had better be.
     stays = np.repeat([*(group.part != "switches" for group in search.model.groups), True], [*kept, len(mean)])
     roots = np.concatenate([np.repeat(search.roots(sizes), kept), deviation])[stays]
-    counts = [sum(own.response.shape[2] for own in of_window) for of_window in found]
+    counts = [sum(heater_times.response.shape[2] for heater_times in of_window) for of_window in found]
     gram = np.zeros((len(roots) + sum(counts) + 1,) * 2)
-    for k, (own, wide) in enumerate(zip(point.each, search.columns(point.each, bases), strict=True)):
+    for k, (linearised, wide) in enumerate(zip(point.each, search.columns(point.each, bases), strict=True)):
         shape = wide.shape[:2]
         powers = np.zeros((*shape, sum(counts)))
         if counts[k]:
             powers[..., sum(counts[:k]) : sum(counts[: k + 1])] = np.concatenate(
                 [of_heater.response for of_heater in found[k]], axis=2
             )
-        left = np.where(own.window.valid, own.left + wide @ from_prior, 0.0)
+        left = np.where(linearised.window.valid, linearised.left + wide @ from_prior, 0.0)
         both = np.concatenate([wide[..., stays], powers, left[..., None]], axis=2)
-        white = own.through(search.shapes(sizes))(both) / search.numbers(sizes)[:, :1, None]
+        white = linearised.through(search.shapes(sizes))(both) / search.numbers(sizes)[:, :1, None]
         flat = white.reshape(-1, both.shape[2])
         gram += flat.T @ flat
     known, power = slice(0, len(roots)), slice(len(roots), -1)
@@ -239,10 +241,10 @@ def _shifted(look: _Look) -> list[Held | None]:
     """The same with switches of heaters without a status where the weights have them."""
     found, model = list(look.held), look.point.model
     weights = split(model, model.centre)
-    for k, (window, own) in enumerate(zip(look.search.windows, look.held, strict=True)):
-        if own is not None:
+    for k, (window, held_window) in enumerate(zip(look.search.windows, look.held, strict=True)):
+        if held_window is not None:
             # What is held stands behind what is measured.
             longer = shifts_of_weights(look.search.model, window, weights)
-            longer = longer[len(longer) - len(own.switches) :]
-            found[k] = with_shifts(own, longer, window.unmeasured, window.interval)
+            longer = longer[len(longer) - len(held_window.switches) :]
+            found[k] = with_shifts(held_window, longer, window.unmeasured, window.interval)
     return found

@@ -80,7 +80,7 @@ def minimise(
     Raises FlightcalError when no simulation of any run succeeds.
     """
     seeds = np.random.SeedSequence(seed).generate_state(settings.runs)
-    going = {number: _evolve(lower, upper, settings, int(own)) for number, own in enumerate(seeds)}
+    going = {number: _evolve(lower, upper, settings, int(generator)) for number, generator in enumerate(seeds)}
     wanted = {number: next(run) for number, run in going.items()}
     ended: dict[int, dict[str, Any]] = {}
     best, generation = np.inf, 0
@@ -90,9 +90,9 @@ def minimise(
             everybody = np.concatenate([*wanted.values()])
             costs = np.asarray(cost(everybody), float) if len(everybody) else np.empty(0)
             ends = np.cumsum([len(individuals) for individuals in wanted.values()])
-            for number, own in zip([*wanted], np.split(costs, ends[:-1]), strict=True):
+            for number, run_costs in zip([*wanted], np.split(costs, ends[:-1]), strict=True):
                 try:
-                    wanted[number] = going[number].send(own)
+                    wanted[number] = going[number].send(run_costs)
                 except StopIteration as end:
                     ended[number] = end.value
                     del wanted[number]

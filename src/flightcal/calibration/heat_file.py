@@ -20,7 +20,7 @@ HEAT_GROUP = "heat"
 
 def heat_dataset(model: HeatModel, names: tuple[str, ...], theta: FloatArray) -> xarray.Dataset:
     """A model and the point theta [d], of a problem without heat, around which windows were linearised."""
-    functions = [len(own) for own in model.kept]
+    functions = [len(directions) for directions in model.kept]
     content = plain(model) | {"functions": functions, "point": dict(zip(names, theta.tolist(), strict=True))}
     return xarray.Dataset({"model": ((), json.dumps(content))})
 
@@ -46,7 +46,7 @@ def with_kept_heat(problem: Problem, posterior: xarray.DataTree) -> Problem:
 
 
 def _model(content: Mapping[str, Any]) -> HeatModel:
-    if "of_pattern" not in content or any("on" not in own for own in content["held"]):
+    if "of_pattern" not in content or any("on" not in record for record in content["held"]):
         raise RunError(
             "posterior: found unmodelled heat as an earlier flightcal wrote it, expected that of this version; "
             "calibrate again into a new folder"
@@ -54,5 +54,6 @@ def _model(content: Mapping[str, Any]) -> HeatModel:
     kept = zip(content["kept"], content["functions"], strict=True)
     # A list does not tell of how many functions nothing is kept.
     return replace(
-        typed(HeatModel, content), kept=tuple(np.array(own, float).reshape(count, -1) for own, count in kept)
+        typed(HeatModel, content),
+        kept=tuple(np.array(directions, float).reshape(count, -1) for directions, count in kept),
     )

@@ -115,9 +115,10 @@ def spread_sizes(
         if name in known.names:
             whole[:, k] = flat[:, known.names.index(name)]
     names = point.around.sizes.names
-    whole, own = point.around.spread(whole, point.most_probable, drawn, rng)
+    whole, window_weights = point.around.spread(whole, point.most_probable, drawn, rng)
     values = problem.to_theta(whole)
     found = [
-        own[:, names.index(name)] if name in names else values[:, problem.names.index(name)] for name in heated.names
+        window_weights[:, names.index(name)] if name in names else values[:, problem.names.index(name)]
+        for name in heated.names
     ]
     return np.stack(found, axis=-1).reshape(*z.shape[:2], len(found))

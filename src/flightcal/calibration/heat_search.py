@@ -79,7 +79,7 @@ class Linear:
     def beginning(self, samples: int) -> Linear:
         """The same of the first samples alone."""
         terms = replace(self.terms, seconds=self.terms.seconds[:samples], valid=self.terms.valid[:, :samples])
-        response = [own[:samples] for own in self.response]
+        response = [response[:samples] for response in self.response]
         return replace(self, terms=terms, left=self.left[:samples], jacobian=self.jacobian[:samples], response=response)
 
     def through(self, shapes: tuple[Shaped, ...]) -> Callable[[FloatArray], FloatArray]:
@@ -117,7 +117,7 @@ class Search:
         self.noise, self.names = names, [*names, *scales]
         self.floor = _floors(windows)
         self.units = {window.name: unit_heats(model, window) for window in windows}
-        most = [max(len(own.series) for own in of_group) for of_group in zip(*self.units.values(), strict=True)]
+        most = [max(len(series.series) for series in of_group) for of_group in zip(*self.units.values(), strict=True)]
         self.functions = most
         self.group = np.repeat(np.arange(len(most)), most)
         # Of each channel, the column of its white noise.
@@ -217,10 +217,12 @@ class Search:
         assert window.network is not None
         units, heat = self.units[window.name], self._heat(window, weights)
         around = replace(window, simulator=window.network.with_heat(heat))
-        here = replace(problem, windows=tuple(around if own is window else own for own in problem.windows))
+        here = replace(
+            problem, windows=tuple(around if each_window is window else each_window for each_window in problem.windows)
+        )
         theta = here.at(around, problem.to_theta(z))
         expected = around.simulate(theta).temperatures + self._errors(window, weights)
-        place = [own is window for own in problem.windows].index(True)
+        place = [each_window is window for each_window in problem.windows].index(True)
         left = np.where(window.valid, window.observed - expected, 0.0)
         jacobian = here.jacobians_of(place, z)
         terms = replace(window.residuals.terms, heat=None)
@@ -236,13 +238,15 @@ class Search:
 
     def _by_group(self, window: Window, weights: FloatArray) -> list[FloatArray]:
         """Weights of the functions that a window has."""
-        return [weights[self.group == g][: len(own.series)] for g, own in enumerate(self.units[window.name])]
+        return [
+            weights[self.group == g][: len(group_units.series)] for g, group_units in enumerate(self.units[window.name])
+        ]
 
     def columns(self, linear: Sequence[Linear], bases: Sequence[FloatArray]) -> list[FloatArray]:
         """[T, N, m + d] of each window: responses in the kept directions, and by z."""
         return [
-            np.concatenate([kept_responses(bases, own.response), own.jacobian[..., self.moving]], axis=2)
-            for own in linear
+            np.concatenate([kept_responses(bases, linearised.response), linearised.jacobian[..., self.moving]], axis=2)
+            for linearised in linear
         ]
 
     def of_bases(self, weights: FloatArray, bases: Sequence[FloatArray]) -> FloatArray:
@@ -258,11 +262,11 @@ class Search:
     ) -> tuple[FloatArray, ...]:
         """Of each group an orthonormal basis [f, k] of the directions of which the telemetry tells something."""
         deviations = self.numbers(sizes)[:, :1, None]
-        whitens = [own.through(self.shapes(sizes)) for own in linear]
+        whitens = [linearised.through(self.shapes(sizes)) for linearised in linear]
         grams = [np.zeros((functions, functions)) for functions in self.functions]
         for first in range(0, len(grams), _AT_ONCE):
-            for own, whiten in zip(linear, whitens, strict=True):
-                responses_here = own.response[first : first + _AT_ONCE]
+            for linearised, whiten in zip(linear, whitens, strict=True):
+                responses_here = linearised.response[first : first + _AT_ONCE]
                 wide = np.concatenate(responses_here, axis=2)
                 if wide.shape[2] == 0:
                     continue
@@ -298,7 +302,7 @@ class Search:
     ) -> FloatArray:
         """Of several starts, the sizes under which the telemetry is most probable."""
         found = in_parallel(lambda k: self._fit(linear, z, weights, starts[k]), len(starts))
-        return min(found, key=lambda own: own[1])[0]
+        return min(found, key=lambda fitted: fitted[1])[0]
 
     def _fit(
         self, linear: Sequence[Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray
@@ -306,16 +310,18 @@ class Search:
         """The sizes near these under which the telemetry is most probable, and minus the log density there."""
         bases = self.much_told(linear, sizes)
         kept = sum(basis.shape[1] for basis in bases)
-        share = (_WORK / max(1, kept**2 * sum(own.left.size for own in linear))) ** (1 / 3)
+        share = (_WORK / max(1, kept**2 * sum(linearised.left.size for linearised in linear))) ** (1 / 3)
         if share < 1.0:
-            linear = [own.beginning(int(np.ceil(share * len(own.left)))) for own in linear]
+            linear = [linearised.beginning(int(np.ceil(share * len(linearised.left)))) for linearised in linear]
             bases = self.much_told(linear, sizes)
         columns = self.columns(linear, bases)
         mean, deviation = self.prior_of_z(z)
         from_prior = np.concatenate([self.of_bases(weights, bases), z[self.moving] - mean])
-        left = [own.left + basis @ from_prior for own, basis in zip(linear, columns, strict=True)]
+        left = [linearised.left + basis @ from_prior for linearised, basis in zip(linear, columns, strict=True)]
         counts = [basis.shape[1] for basis in bases]
-        evidence = Evidence([own.terms for own in linear], columns, self.windows[0].residuals.fixed.shape[1])
+        evidence = Evidence(
+            [linearised.terms for linearised in linear], columns, self.windows[0].residuals.fixed.shape[1]
+        )
         ends = np.cumsum(counts)
 
         def cost(u: FloatArray) -> tuple[float, FloatArray]:
@@ -335,7 +341,7 @@ class Search:
             return -(value + float(at.log_density)), -(bar * at.slope + at.gradient)
 
         start = self.sizes.to_z(sizes)
-        bounds = [(own - _FARTHEST, own + _FARTHEST) for own in start]
+        bounds = [(weights - _FARTHEST, weights + _FARTHEST) for weights in start]
         options = {"maxiter": _ITERATIONS, "ftol": 1e-7}
         found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         return self.sizes.to_theta(found.x), float(found.fun)
@@ -351,9 +357,9 @@ class Search:
         kept = self.of_bases(weights, bases)
         roots = np.concatenate([np.repeat(scales, [basis.shape[1] for basis in bases]), deviation])
         gram, moment = np.zeros((len(roots), len(roots))), np.zeros(len(roots))
-        whitens = [own.through(shapes) for own in linear]
-        for own, wide, whiten in zip(linear, self.columns(linear, bases), whitens, strict=True):
-            both = np.concatenate([wide, own.left[..., None]], axis=2)
+        whitens = [linearised.through(shapes) for linearised in linear]
+        for linearised, wide, whiten in zip(linear, self.columns(linear, bases), whitens, strict=True):
+            both = np.concatenate([wide, linearised.left[..., None]], axis=2)
             flat = (whiten(both) / numbers[:, :1, None]).reshape(-1, both.shape[2])
             gram += flat[:, :-1].T @ flat[:, :-1]
             moment += flat[:, :-1].T @ flat[:, -1]
@@ -402,16 +408,16 @@ class Search:
         from_prior = np.concatenate([self.of_bases(weights, bases), z[self.moving] - mean])
         columns, shapes = self.columns(linear, bases), self.shapes(sizes)
         gram, moment, squares, samples, determinant = [], [], [], [], []
-        for own, wide in zip(linear, columns, strict=True):
-            left = np.where(own.window.valid, own.left + wide @ from_prior, 0.0)
-            whitens = filter_of(replace(own.terms, kinds=shapes))
+        for linearised, wide in zip(linear, columns, strict=True):
+            left = np.where(linearised.window.valid, linearised.left + wide @ from_prior, 0.0)
+            whitens = filter_of(replace(linearised.terms, kinds=shapes))
             both = np.concatenate([wide, left[..., None]], axis=2)
-            white = whitens.whiten(np.moveaxis(both, 1, 0), own.terms.valid)
+            white = whitens.whiten(np.moveaxis(both, 1, 0), linearised.terms.valid)
             products = np.einsum("kti,ktj->kij", white, white, optimize=True)
             gram.append(np.ascontiguousarray(products[:, :-1, :-1]))
             moment.append(products[:, :-1, -1])
             squares.append(products[:, -1, -1])
-            samples.append(own.terms.valid.sum(axis=1))
+            samples.append(linearised.terms.valid.sum(axis=1))
             determinant.append(whitens.determinant)
         parts = (np.concatenate(part) for part in (gram, moment, squares, samples, determinant))
         groups = np.repeat(np.arange(len(bases)), [basis.shape[1] for basis in bases])
@@ -435,25 +441,25 @@ class Search:
         covariance, told = around.known_of_weights(sizes)
         precision = np.split(around.precision(sizes), len(linear))
         slopes: dict[str, float] = {}
-        for own, of_window in zip(linear, precision, strict=True):
-            whiten = own.through(self.shapes(sizes))
-            here = whiten(self._kept(own, z, around))
+        for linearised, of_window in zip(linear, precision, strict=True):
+            whiten = linearised.through(self.shapes(sizes))
+            here = whiten(self._kept(linearised, z, around))
             known = of_window[:, None, None] * (here @ covariance)
             for k in around.moving.tolist():
                 if self.problem.entries[k].is_of_network:
                     there = z.copy()
                     there[k] += _TURNED
-                    turned = (whiten(self._kept(own, there, around)) - here) / _TURNED
+                    turned = (whiten(self._kept(linearised, there, around)) - here) / _TURNED
                     change = np.vdot(known, turned)
                     slopes[self.problem.names[k]] = slopes.get(self.problem.names[k], 0.0) - float(change)
         place = {name: self.problem.names.index(name) for name in slopes}
         tilted = {name: (slope, float(z[place[name]])) for name, slope in slopes.items()}
         return replace(point, model=replace(point.model, tilted=tilted, most=max(_BENT * told, 1e-3)))
 
-    def _kept(self, own: Linear, z: FloatArray, around: Around) -> FloatArray:
+    def _kept(self, linearised: Linear, z: FloatArray, around: Around) -> FloatArray:
         """Responses in the kept directions at z, [T, N, m]."""
-        theta = self.sampling.at(own.window, self.problem.to_theta(z))
-        return responses_in(own.window, theta, self.model, own.units, around.bases)
+        theta = self.sampling.at(linearised.window, self.problem.to_theta(z))
+        return responses_in(linearised.window, theta, self.model, linearised.units, around.bases)
 
 
 def _floors(windows: Sequence[Window]) -> FloatArray:

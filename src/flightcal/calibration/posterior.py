@@ -126,8 +126,8 @@ def _by_window(problem: Problem, theta: FloatArray) -> xarray.Dataset | None:
     dims = ("chain", "draw", "window")
     if not values:
         return None
-    own = xarray.Dataset({name: (dims, of) for name, of in values.items()}, {"window": labels})
-    return labelled(own, _words(problem))
+    dataset = xarray.Dataset({name: (dims, of) for name, of in values.items()}, {"window": labels})
+    return labelled(dataset, _words(problem))
 
 
 def _sequences(runs: Sequence[Trajectory]) -> dict[str, float]:

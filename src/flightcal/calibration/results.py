@@ -90,8 +90,10 @@ def _write(run: Run, name: str, scenario: Scenario, text: str, values: Mapping[s
 
 def _in_units(fixed: FixedNumbers, units: Mapping[str, WrittenUnit]) -> FixedNumbers:
     """What parameters depend on, in the units that these are shown in."""
-    kept = (own for own in fixed.footings if own.name in units)
-    return replace(fixed, footings=tuple(replace(own, change=own.change / units[own.name].factor) for own in kept))
+    kept = (footing for footing in fixed.footings if footing.name in units)
+    return replace(
+        fixed, footings=tuple(replace(footing, change=footing.change / units[footing.name].factor) for footing in kept)
+    )
 
 
 def _check(file: Path, scenario: Scenario, means: Mapping[str, float]) -> None:

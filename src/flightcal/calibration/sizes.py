@@ -112,7 +112,7 @@ class Around:
         most = self._most()
         start = self._score(self.sizes.to_z(sizes)[self.free]).clip(_LEAST, most)
         options = {"maxiter": _ITERATIONS, "ftol": 1e-9}
-        bounds = [(_LEAST, own) for own in most]
+        bounds = [(_LEAST, weights) for weights in most]
         found = minimize(self.cost, start, args=(sizes,), jac=True, method="L-BFGS-B", options=options, bounds=bounds)
         return np.asarray(found.x, float)
 
@@ -199,8 +199,8 @@ class Around:
         gram, moment = np.tensordot(precision, self.gram, 1), precision @ self.moment
         covariance = np.linalg.inv(np.eye(len(roots)) + roots[:, None] * gram * roots)
         mean, m = roots * (covariance @ (roots * moment)), len(self.scale)
-        own = self.deviation[:, None] * covariance[m:, m:] * self.deviation
-        return self.mean + mean[m:], np.asarray(np.linalg.cholesky(0.5 * (own + own.T)), float)
+        covered = self.deviation[:, None] * covariance[m:, m:] * self.deviation
+        return self.mean + mean[m:], np.asarray(np.linalg.cholesky(0.5 * (covered + covered.T)), float)
 
     def known_heat(self, sizes: FloatArray) -> FloatArray:
         """[q] deviations of z of what is simulated if the heat were known."""
@@ -221,8 +221,8 @@ class Around:
         centre, factor = self.of_z(sizes)
         standard = np.linalg.solve(factor, (z[:, self.moving] - centre).T).T
         spread = z.copy()
-        for k, own in enumerate(drawn):
-            mean, wider = self.of_z(own)
+        for k, draw in enumerate(drawn):
+            mean, wider = self.of_z(draw)
             here = np.ix_(which == k, self.moving)
             spread[here] = mean + standard[which == k] @ wider.T
         return spread, drawn[which]

@@ -103,12 +103,12 @@ def _read(window: Window, left: FloatArray, heater: str, times: FloatArray) -> t
     """
     assert window.network is not None
     sensor, channels = window.scenario.network.switches[heater].sensor, window.simulator.channels
-    own = [k for k, channel in enumerate(channels) if window.scenario.observations[channel].node == sensor]
-    known = np.flatnonzero(np.isfinite(left[:, own[0]])) if own else np.empty(0, np.int64)
+    told_apart = [k for k, channel in enumerate(channels) if window.scenario.observations[channel].node == sensor]
+    known = np.flatnonzero(np.isfinite(left[:, told_apart[0]])) if told_apart else np.empty(0, np.int64)
     if not len(known):
         return np.zeros(len(times)), np.inf
-    noise = quiet_noise(window.observed[known, own[0]])
-    return np.interp(times, window.network.observation.times[known], left[known, own[0]]), _NOISES * noise
+    noise = quiet_noise(window.observed[known, told_apart[0]])
+    return np.interp(times, window.network.observation.times[known], left[known, told_apart[0]]), _NOISES * noise
 
 
 def by_sensor(reads: FloatArray, lower: float, upper: float, near: float, first: bool) -> Bools:
@@ -139,25 +139,29 @@ def _around(here: Bools) -> Bools:
     return here | wide[:-2] | wide[2:]
 
 
-def with_states(held: Held, own: HeaterTimes, on: Bools, *, keeps: bool = False) -> Held:
+def with_states(held: Held, heater_times: HeaterTimes, on: Bools, *, keeps: bool = False) -> Held:
     """What heaters do, where one is on in these times [B].
 
     keeps: whether what does not change is known as well as before.
     """
-    if (on == own.on).all():
+    if (on == heater_times.on).all():
         return held
     changes = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
     # What does not change keeps the moment that it has.
-    known = np.array(sorted({time for begin, end, which in held.on if which == own.heater for time in (begin, end)}))
-    times = own.edges[changes]
+    known = np.array(
+        sorted({time for begin, end, which in held.on if which == heater_times.heater for time in (begin, end)})
+    )
+    times = heater_times.edges[changes]
     if len(known) and len(times):
         nearest = known[np.abs(known[:, None] - times).argmin(axis=0)]
-        times = np.where(np.abs(nearest - times) <= 0.5 * (own.edges[1] - own.edges[0]) + 1e-9, nearest, times)
+        times = np.where(
+            np.abs(nearest - times) <= 0.5 * (heater_times.edges[1] - heater_times.edges[0]) + 1e-9, nearest, times
+        )
     spans = list(zip(times[::2].tolist(), times[1::2].tolist(), strict=True))
-    within = dict.fromkeys(times.tolist(), _WITHIN * max(float(own.edges[1]), own.interval))
+    within = dict.fromkeys(times.tolist(), _WITHIN * max(float(heater_times.edges[1]), heater_times.interval))
     if keeps:
-        within |= {time: before for time, which, before in held.switches if which == own.heater}
-    return with_other(held, own.heater, spans, within)
+        within |= {time: before for time, which, before in held.switches if which == heater_times.heater}
+    return with_other(held, heater_times.heater, spans, within)
 
 
 def with_shifts(held: Held, longer: FloatArray, heaters: Collection[int], least: float) -> Held:
@@ -192,11 +196,11 @@ def exchanged(times: Sequence[HeaterTimes], slope: FloatArray, curvature: FloatA
 
     slope: [b] of the log density, for power added in each time of all heaters; curvature: [b, b] of minus it.
     """
-    states, slope = [own.on.copy() for own in times], slope.copy()
-    ends = np.cumsum([0, *(len(own.on) for own in times)])
-    for k, own in enumerate(times):
+    states, slope = [heater_times.on.copy() for heater_times in times], slope.copy()
+    ends = np.cumsum([0, *(len(heater_times.on) for heater_times in times)])
+    for k, heater_times in enumerate(times):
         here = slice(ends[k], ends[k + 1])
-        for instead in own.instead:
+        for instead in heater_times.instead:
             added = instead.astype(float) - states[k]
             more = np.count_nonzero(np.diff(instead)) - np.count_nonzero(np.diff(states[k]))
             gain = added @ slope[here] - 0.5 * added @ curvature[here, here] @ added - _SWITCH * more
@@ -205,9 +209,9 @@ def exchanged(times: Sequence[HeaterTimes], slope: FloatArray, curvature: FloatA
                 states[k] = instead.copy()
     for _ in range(_EXCHANGES):
         best, chosen = 0.0, None
-        for k, (own, on) in enumerate(zip(times, states, strict=True)):
+        for k, (heater_times, on) in enumerate(zip(times, states, strict=True)):
             here = slice(ends[k], ends[k + 1])
-            gain = _gain(on, slope[here], curvature[here, here]) - _SWITCH * _more_switches(own, on)
+            gain = _gain(on, slope[here], curvature[here, here]) - _SWITCH * _more_switches(heater_times, on)
             place = np.unravel_index(np.argmax(gain), gain.shape)
             if gain[place] > best + 1e-9:
                 best, chosen = float(gain[place]), (k, slice(int(place[0]), int(place[1])))
@@ -231,19 +235,19 @@ def _gain(on: Bools, slope: FloatArray, curvature: FloatArray) -> FloatArray:
     return np.where(np.triu(np.ones(gain.shape, bool), 1), gain, -np.inf)
 
 
-def _more_switches(own: HeaterTimes, on: Bools) -> FloatArray:
+def _more_switches(heater_times: HeaterTimes, on: Bools) -> FloatArray:
     """[B + 1, B + 1] how many switches an exchange from one edge to another adds; infinite: the heater may not."""
     alike = on[1:] == on[:-1]
     inner = slice(1, len(on))
     begins, ends = np.zeros(len(on) + 1), np.zeros(len(on) + 1)
     # Where both sides are alike there is a switch then, to what the one side was not; else it is gone.
-    may_begin = np.where(on[1:], own.may_go_off[inner], own.may_go_on[inner])
-    may_end = np.where(on[1:], own.may_go_on[inner], own.may_go_off[inner])
+    may_begin = np.where(on[1:], heater_times.may_go_off[inner], heater_times.may_go_on[inner])
+    may_end = np.where(on[1:], heater_times.may_go_on[inner], heater_times.may_go_off[inner])
     begins[inner] = np.where(alike, np.where(may_begin, 1.0, np.inf), -1.0)
     ends[inner] = np.where(alike, np.where(may_end, 1.0, np.inf), -1.0)
     # Switches in between become those to the other state.
     turned = np.zeros(len(on) + 1, int)
-    turned[inner] = ~alike & ~np.where(on[1:], own.may_go_off[inner], own.may_go_on[inner])
+    turned[inner] = ~alike & ~np.where(on[1:], heater_times.may_go_off[inner], heater_times.may_go_on[inner])
     before = np.cumsum(turned)
     between = before - turned - before[:, None]
     return np.where(between > 0, np.inf, np.add.outer(begins, ends))

@@ -135,7 +135,7 @@ def scores(priors: Priors, thetas: FloatArray) -> FloatArray:
 
 def _default_units(entries: Sequence[Entry]) -> dict[str, WrittenUnit]:
     """The unit of each entry where no scenario's text says another: SI, and degC for absolute temperatures."""
-    return {own.name: written_unit("degC" if own.is_temperature else own.unit, own.unit) for own in entries}
+    return {entry.name: written_unit("degC" if entry.is_temperature else entry.unit, entry.unit) for entry in entries}
 
 
 def correlation(thetas: FloatArray) -> FloatArray:
@@ -147,13 +147,17 @@ def correlation(thetas: FloatArray) -> FloatArray:
 def html_table(rows: Iterable[Calibrated]) -> str:
     """The table as HTML, for notebooks: before, after, after if fixed numbers are off, how much is the data's word."""
     shown = list(rows)
-    of_fixed = ["if fixed numbers are off [95%]"] if any(own.considered is not None for own in shown) else []
+    of_fixed = ["if fixed numbers are off [95%]"] if any(quantity.considered is not None for quantity in shown) else []
     headings, body = ["quantity", "unit", "before [95%]", "after [95%]", *of_fixed, "from data"], []
-    for own in shown:
-        before = _in_brackets(own.before, own.before_lower, own.before_upper)
-        after = _in_brackets(own.mean, own.lower, own.upper)
-        wider = "" if own.considered is None else _in_brackets(own.mean, *own.considered).partition(" ")[2]
-        body.append([own.name, own.unit, before, after, *([wider] if of_fixed else []), f"{own.from_data:.1%}"])
+    for quantity in shown:
+        before = _in_brackets(quantity.before, quantity.before_lower, quantity.before_upper)
+        after = _in_brackets(quantity.mean, quantity.lower, quantity.upper)
+        wider = (
+            "" if quantity.considered is None else _in_brackets(quantity.mean, *quantity.considered).partition(" ")[2]
+        )
+        body.append(
+            [quantity.name, quantity.unit, before, after, *([wider] if of_fixed else []), f"{quantity.from_data:.1%}"]
+        )
     lines = ["".join(f"<td>{escape(text)}</td>" for text in cells) for cells in body]
     head = "".join(f"<th>{text}</th>" for text in headings)
     return f"<table><tr>{head}</tr>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"

@@ -59,7 +59,7 @@ def with_thresholds(problem: Problem, thetas: FloatArray, rng: np.random.Generat
         return thetas
     found, rows = thetas.copy(), np.concatenate(good)
     of_windows = [
-        [Passages.joined(own) for own in zip(*of_parts, strict=True)] for of_parts in zip(*parts, strict=True)
+        [Passages.joined(parts) for parts in zip(*of_parts, strict=True)] for of_parts in zip(*parts, strict=True)
     ]
     columns = np.array([problem.names.index(name) for name in names])
     found[np.ix_(rows, columns)] = _drawn(_Told(problem, names, thetas[rows], of_windows), rng)
@@ -135,7 +135,7 @@ class _Told:
         columns = [network.names.index(name) for name in names]
         simulated = inside[:, window.simulated]
         simulated[:, columns] = 0.0
-        self.base = np.stack([network.thresholds(own) for own in simulated])
+        self.base = np.stack([network.thresholds(trajectories) for trajectories in simulated])
         self.slope = np.empty((*self.base.shape[1:], len(columns)))
         for k, column in enumerate(columns):
             one = simulated[0].copy()
@@ -151,11 +151,11 @@ class _Told:
         thresholds = self.base[rows] + np.einsum("shp,np->nsh", self.slope, self.values(scores))
         total = np.zeros(len(rows))
         for heater, of_windows in enumerate(self.of_heaters):
-            chosen = [own.of(rows) for own in of_windows]
+            chosen = [of_window.of(rows) for of_window in of_windows]
             for side in (0, 1):
                 at = thresholds[:, side, heater, None]
-                switched = sum(own.log_likelihood(side, at)[:, 0] for own in chosen)
+                switched = sum(value.log_likelihood(side, at)[:, 0] for value in chosen)
                 total += np.logaddexp.reduce(switched + self.scatter[heater], axis=1)
             middle = thresholds[:, :, heater].mean(axis=1, keepdims=True)
-            total += sum(own.log_of_middle(middle)[:, 0] for own in chosen)
+            total += sum(value.log_of_middle(middle)[:, 0] for value in chosen)
         return total

@@ -188,7 +188,7 @@ def next_place(points: Sequence[FloatArray], steps: Sequence[FloatArray], deviat
     """
     last = slice(-_REMEMBERED, None)
     share = 1.0 if len(points) > 1 else 0.5
-    known, found = (np.stack(own[last])[None] / deviation for own in (points, steps))
+    known, found = (np.stack(sequence[last])[None] / deviation for sequence in (points, steps))
     return np.asarray(deviation * mixed(known, share * found)[0])
 
 
@@ -206,7 +206,7 @@ def _with_parts(theta: FloatArray, heated: Problem, known: Problem, z: FloatArra
 
 def _linear_gate(problem: Problem, checked: HeatCheck, bent: float, weights: int) -> Gate:
     switches = problem.scenario.network.switches.values()
-    advice = _NOT_LINEAR + ("" if all(own.measured_by for own in switches) else _SWITCHING)
+    advice = _NOT_LINEAR + ("" if all(heater.measured_by for heater in switches) else _SWITCHING)
     is_linear = checked.pareto_k < MOST_PARETO_K or checked.relative < _OF_NOISE
     return gate(
         LINEAR,

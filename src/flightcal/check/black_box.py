@@ -111,7 +111,7 @@ class Ensemble(Comparison):
         since = self.window.first_sample + self.rows.seconds
         priors = initial_priors(self.problem.scenario, self.channels, since, observed)
         observations = [self.window.scenario.observations[channel] for channel in self.channels]
-        names = [f"initial.{own.node or own.output}" for own in observations]
+        names = [f"initial.{observation.node or observation.output}" for observation in observations]
         return np.array([getattr(priors.get(name), "mean", np.nan) for name in names])
 
     @cached_property
@@ -171,7 +171,7 @@ class _Look:
 def compared_by_runs(ensemble: Ensemble, clear: float) -> tuple[Fit, list[tuple[Fit, Wrong, float]]]:
     """The telemetry with nothing wrong, and what is better by over `clear` nats, each with its nats, the best first."""
     look = _look(ensemble)
-    tried = sorted(((*_gained(ensemble, look, own), own) for own in _wrongs(ensemble)), key=lambda own: -own[0])
+    tried = sorted(((*_gained(ensemble, look, wrong), wrong) for wrong in _wrongs(ensemble)), key=lambda item: -item[0])
     found: dict[tuple[str, str], tuple[Fit, Wrong, float]] = {}
     for nats, fit, wrong in tried:
         if nats < max(0.0, tried[0][0] - _FEW):
@@ -181,8 +181,8 @@ def compared_by_runs(ensemble: Ensemble, clear: float) -> tuple[Fit, list[tuple[
             place = wrong.kind, wrong.about
             if place not in found or nats > found[place][2]:
                 found[place] = fit, wrong, nats
-    better = [own for own in found.values() if own[1].kind not in _CLOCKS or own[2] > _by_chance(ensemble, own[1])]
-    return look.nothing, sorted(better, key=lambda own: -own[2])
+    better = [kept for kept in found.values() if kept[1].kind not in _CLOCKS or kept[2] > _by_chance(ensemble, kept[1])]
+    return look.nothing, sorted(better, key=lambda item: -item[2])
 
 
 def _look(ensemble: Ensemble) -> _Look:
@@ -210,7 +210,7 @@ def _by_chance(ensemble: Ensemble, wrong: Wrong) -> float:
     every = wrong.kind == "clock"
     late_ones = [k for k, name in enumerate(ensemble.channels) if every or name in wrong.about.split()]
     seconds, shape = ensemble.rows.seconds, ensemble.observed.shape
-    shifts = [own for own in SHIFTS if abs(own) <= 0.5 * ensemble.window.period + SHIFT]
+    shifts = [shift for shift in SHIFTS if abs(shift) <= 0.5 * ensemble.window.period + SHIFT]
     most = 0.0
     for drawn in ensemble.simulated[half : half + _NULLS]:
         read = drawn[ensemble.rows.kept] + ensemble.rows.noise * rng.standard_normal(shape)
@@ -254,8 +254,8 @@ def _closely(ensemble: Ensemble, look: _Look, nats: float, fit: Fit, wrong: Wron
     """A wrong with the best of numbers near by."""
     for _ in range(_ROUNDS):
         near = [] if wrong.closer is None else list(wrong.closer())
-        tried = [(*_gained(ensemble, look, own), own) for own in near]
-        best = max(tried, key=lambda own: own[0], default=(nats, fit, wrong))
+        tried = [(*_gained(ensemble, look, wrong), wrong) for wrong in near]
+        best = max(tried, key=lambda item: item[0], default=(nats, fit, wrong))
         if best[0] <= nats:
             break
         nats, fit, wrong = best
@@ -268,7 +268,7 @@ def _fit(ensemble: Ensemble, around: Gaussian, observed: FloatArray, wrong: Wron
     fit = around.fit(left) if wrong is None else around.fit(left, wrong.columns, wrong.scale)
     moved = ensemble.away.T @ fit.moved / np.sqrt(len(ensemble.away) - 1.0)
     names = ensemble.problem.names
-    off = [abs(float(own)) for name, own in zip(names, moved, strict=True) if not name.startswith("initial.")]
+    off = [abs(float(change)) for name, change in zip(names, moved, strict=True) if not name.startswith("initial.")]
     return replace(fit, farthest=max([fit.farthest, *off]))
 
 
@@ -288,8 +288,10 @@ def _is_nearer(ensemble: Ensemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool
         return True
     read = wrong.read(ensemble.observed)
     left, before = (
-        (ensemble.flat(own) - ensemble.expected(own) - ensemble.point.effects @ of.moved).reshape(-1, len(own)).T
-        for own, of in ((read, fit), (ensemble.observed, nothing))
+        (ensemble.flat(values) - ensemble.expected(values) - ensemble.point.effects @ of.moved)
+        .reshape(-1, len(values))
+        .T
+        for values, of in ((read, fit), (ensemble.observed, nothing))
     )
     changed = np.any(np.abs(read - ensemble.observed) > 0.0, axis=0)
     squares = np.nanmean(left[:, changed] ** 2) / wrong.scale.factor**2
@@ -303,7 +305,7 @@ def told_by_status(ensemble: Ensemble, clear: float) -> Iterator[tuple[str, str,
     """
     window, observations = ensemble.window, ensemble.window.scenario.observations
     for k, heater in enumerate(window.simulator.heaters):
-        channel = next((name for name, own in observations.items() if own.heater == heater), None)
+        channel = next((name for name, observation in observations.items() if observation.heater == heater), None)
         known = np.isfinite(window.status[:, k]) & np.isfinite(ensemble.status[:, :, k]).all(axis=0)
         if channel is None or known.sum() < _FEWEST:
             continue

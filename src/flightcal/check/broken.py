@@ -81,17 +81,19 @@ def broken(channel: str, times: NDArray[np.datetime64], values: FloatArray, mode
     return None
 
 
-def _filled(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
+def _filled(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
     """One number that comes again and again, far from what is read before and after: it stands for no reading."""
-    numbers, counts = np.unique(own, return_counts=True)
-    for number_of in numbers[(counts >= _FILLED) & (counts < 0.5 * len(own))]:
-        is_it = own == number_of
+    numbers, counts = np.unique(values, return_counts=True)
+    for number_of in numbers[(counts >= _FILLED) & (counts < 0.5 * len(values))]:
+        is_it = values == number_of
         others = np.flatnonzero(~is_it)
         place = np.clip(np.searchsorted(others, np.flatnonzero(is_it)), 1, len(others) - 1)
-        before, after = own[others[place - 1]] - number_of, own[others[place]] - number_of
+        before, after = values[others[place - 1]] - number_of, values[others[place]] - number_of
         noises = _SPIKE[1]
         height = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
-        limit = max(_FAR, noises * noise_of(own[others]), 4.0 * float(np.quantile(np.abs(np.diff(own[others])), 0.95)))
+        limit = max(
+            _FAR, noises * noise_of(values[others]), 4.0 * float(np.quantile(np.abs(np.diff(values[others])), 0.95))
+        )
         if (height > limit).mean() > 0.8:
             return Broken(
                 "filled", channel, f"{channel} has samples that are no readings",
@@ -102,31 +104,31 @@ def _filled(channel: str, times: NDArray[np.datetime64], own: FloatArray, modell
     return None
 
 
-def _clipped(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
+def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
     """Readings that stop at their highest or lowest, where the temperature goes on."""
-    if len(own) < _STUCK:
+    if len(values) < _STUCK:
         return None
-    for extreme, word in ((own.max(), "above"), (own.min(), "below")):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (own == extreme).astype(int), [0]])))
+    for extreme, word in ((values.max(), "above"), (values.min(), "below")):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], (values == extreme).astype(int), [0]])))
         first, last = edges[::2], edges[1::2]
-        after = np.minimum(last, len(own) - 1)
-        rise, before = _motion(own, first - 1, -_SLOPE, last - first)
-        fall, later = _motion(own, after, _SLOPE, last - first)
+        after = np.minimum(last, len(values) - 1)
+        rise, before = _motion(values, first - 1, -_SLOPE, last - first)
+        fall, later = _motion(values, after, _SLOPE, last - first)
         # At an end of the window one slope is known, and speaks for both.
-        known = first > _SLOPE, last < len(own) - _SLOPE
+        known = first > _SLOPE, last < len(values) - _SLOPE
         rise, fall = np.where(known[0], rise, np.inf), np.where(known[1], fall, np.inf)
         slope = np.minimum(rise, fall)
         # A parabola that begins and ends with these slopes goes on so far; what comes to rest does not.
         beyond = np.where(np.isfinite(slope), slope, 0.0) * (last - first) / 4.0
         beyond = np.minimum(beyond, np.minimum(np.where(known[0], before, np.inf), np.where(known[1], later, np.inf)))
         beyond = np.maximum(beyond, _goes_on(modelled if word == "above" else -modelled, first, last))
-        if (beyond > _CLIPPED + 4.0 * step_of(own) + 4.0 * noise_of(own)).sum() < 2:
+        if (beyond > _CLIPPED + 4.0 * step_of(values) + 4.0 * noise_of(values)).sum() < 2:
             continue
         return Broken(
             "clipped", channel, f"{channel} shows nothing {word} {number(float(extreme) - ICE_POINT, 4)} degC",
             f"It stops there {len(first)} times, for up to {int((last - first).max())} samples, where it would go on "
             f"by {number(float(beyond.max()), 2)} K.",
-            f"Leave these samples out with a narrower 'valid_range' of {channel}", own == extreme,
+            f"Leave these samples out with a narrower 'valid_range' of {channel}", values == extreme,
         )  # fmt: skip
     return None
 
@@ -141,14 +143,14 @@ def _goes_on(modelled: FloatArray, first: NDArray[np.int64], last: NDArray[np.in
 
 
 def _motion(
-    own: FloatArray, places: NDArray[np.int64], step: int, lengths: NDArray[np.int64]
+    values: FloatArray, places: NDArray[np.int64], step: int, lengths: NDArray[np.int64]
 ) -> tuple[FloatArray, FloatArray]:
     """K a sample by which values [t] move up to each place, and K by which they go on where they come to rest.
 
     step: samples back, or on where it is positive; lengths: samples that it then takes until they move again. They come
     to rest where they slow far more than a parabola does that turns in so long; elsewhere the second is infinite.
     """
-    last, middle, first = (own[np.clip(places + k * step, 0, len(own) - 1)] for k in range(3))
+    last, middle, first = (values[np.clip(places + k * step, 0, len(values) - 1)] for k in range(3))
     moved, earlier = np.abs(last - middle), np.abs(middle - first)
     slows = (earlier - moved) * lengths > _RESTS * 2.0 * abs(step) * moved
     goes_on = np.full(len(places), np.inf)
@@ -156,15 +158,15 @@ def _motion(
     return moved / abs(step), goes_on
 
 
-def _spikes(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
-    if len(own) < 20:
+def _spikes(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    if len(values) < 20:
         return None
-    height = _heights(times, own)
+    height = _heights(times, values)
     least, noises, usual, models = _SPIKE
     order = np.argsort(-height)
-    many = max(_MOST_SPIKES, round(_MANY[0] * len(own)))
+    many = max(_MOST_SPIKES, round(_MANY[0] * len(values)))
     beyond = min(usual * float(height[order[_MOST_SPIKES]]), _MANY[1] * float(height[order[many]]))
-    limit = max(least, noises * noise_of(own), beyond)
+    limit = max(least, noises * noise_of(values), beyond)
     if np.isfinite(modelled).all():
         limit = max(limit, models * float(_heights(times, modelled).max()))
     high = height > limit
@@ -174,7 +176,7 @@ def _spikes(channel: str, times: NDArray[np.datetime64], own: FloatArray, modell
     what = "a spike" if high.sum() == 1 else f"{high.sum()} spikes"
     return Broken(
         "spike", channel, f"{channel} has {what}",
-        f"At {moment(times[first])} UTC it reads {number(float(own[first]) - ICE_POINT, 3)} degC, "
+        f"At {moment(times[first])} UTC it reads {number(float(values[first]) - ICE_POINT, 3)} degC, "
         f"{number(float(height[first]), 2)} K away from the samples around it.",
         _leave_out(channel, times, high) if high.sum() <= _MOST_SPIKES
         else f"Leave them out with a narrower 'valid_range' of {channel}", high,
@@ -197,13 +199,13 @@ def _heights(times: NDArray[np.datetime64], values: FloatArray) -> FloatArray:
         moves = np.maximum(np.abs(np.diff(before)), np.abs(np.diff(after)))[:, 0]
         height[(apart >= _GAP * usual) | (moves > _MOVED * height)] = 0.0
         for k in range(wide):
-            own = found[2 + k : 2 + k + len(height)]
-            np.maximum(own, height, out=own)
+            peak = found[2 + k : 2 + k + len(height)]
+            np.maximum(peak, height, out=peak)
     return found
 
 
-def _held(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
-    changes = np.flatnonzero(np.diff(own) != 0.0) + 1
+def _held(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    changes = np.flatnonzero(np.diff(values) != 0.0) + 1
     if len(changes) < 10:
         return None
     stride = int(np.gcd.reduce(np.diff(changes)))
@@ -213,30 +215,32 @@ def _held(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled
         "held", channel, f"{channel} holds each reading for {stride} samples",
         f"Its value changes every {stride} samples or a multiple of that, and never between: one of {stride} "
         "is a measurement.",
-        f"Keep one of {stride} samples of {channel}", np.diff(own, prepend=own[0]) == 0.0,
+        f"Keep one of {stride} samples of {channel}", np.diff(values, prepend=values[0]) == 0.0,
     )  # fmt: skip
 
 
-def _stuck_often(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
+def _stuck_often(
+    channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray
+) -> Broken | None:
     """Stretches of equal samples, far longer than all others and not all of one number, that break off motions.
 
     A sample that is right between them is no spike.
     """
-    starts, lengths = _runs(own)
+    starts, lengths = _runs(values)
     order = np.argsort(-lengths, kind="stable")
     ordered = lengths[order]
     apart = np.flatnonzero(ordered[:-1] >= np.maximum(_STUCK, 4 * ordered[1:]))
     if not len(apart) or apart[-1] == 0:
         return None
     stretches = [(int(starts[k]), int(starts[k] + lengths[k])) for k in sorted(order[: apart[-1] + 1])]
-    if len({own[first] for first, _ in stretches}) == 1:
+    if len({values[first] for first, _ in stretches}) == 1:
         return None
     moved = [_moves(modelled, first, end) for first, end in stretches]
-    jumps = [_jump(times, own, end) for _, end in stretches]
-    breaks = [_breaks_off(times, own, *place, jump) for place, jump in zip(stretches, jumps, strict=True)]
-    if not (min(moved) >= max(_MOVES, 4.0 * step_of(own)) and all(breaks)):
+    jumps = [_jump(times, values, end) for _, end in stretches]
+    breaks = [_breaks_off(times, values, *place, jump) for place, jump in zip(stretches, jumps, strict=True)]
+    if not (min(moved) >= max(_MOVES, 4.0 * step_of(values)) and all(breaks)):
         return None
-    useless = np.any([_between(own, first, end) for first, end in stretches], axis=0)
+    useless = np.any([_between(values, first, end) for first, end in stretches], axis=0)
     return Broken(
         "stuck", channel, f"{channel} is stuck again and again",
         f"{len(stretches)} times it reads one number for {ordered[apart[-1]]} samples or more, the first time from "
@@ -245,22 +249,22 @@ def _stuck_often(channel: str, times: NDArray[np.datetime64], own: FloatArray, m
     )  # fmt: skip
 
 
-def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
-    if not len(own):
+def _stuck(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    if not len(values):
         return None
-    starts, lengths = _runs(own)
+    starts, lengths = _runs(values)
     longest = int(np.argmax(lengths))
     first, last = starts[longest], starts[longest] + lengths[longest] - 1
-    others, steps = np.delete(lengths, longest), np.sort(np.abs(own[starts[1:]] - own[starts[1:] - 1]))
-    jump = _jump(times, own, last + 1)
+    others, steps = np.delete(lengths, longest), np.sort(np.abs(values[starts[1:]] - values[starts[1:] - 1]))
+    jump = _jump(times, values, last + 1)
     least = max(_MOVES, 4.0 * float(steps[0])) if len(steps) else _MOVES
     moves = _moves(modelled, first, last + 1)
     long = lengths[longest] >= max(_STUCK, 4 * int(others.max(initial=0)))
     half = int(lengths[longest]) // 2
-    elsewhere = _usual_move(own, first, last + 1, half) if long and np.isnan(moves) else 0.0
+    elsewhere = _usual_move(values, first, last + 1, half) if long and np.isnan(moves) else 0.0
     if long and moves >= least:
         words = f"meanwhile the model moves by {number(moves, 2)} K"
-    elif elsewhere >= least and _breaks_off(times, own, first, last + 1, jump):
+    elif elsewhere >= least and _breaks_off(times, values, first, last + 1, jump):
         words = f"its other samples move by {number(elsewhere, 2)} K in half as many, as a rule"
     elif (
         len(steps) > 2
@@ -270,25 +274,25 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
         words = f"then it jumps by {number(jump, 2)} K"
     else:
         return None
-    useless = _between(own, first, last + 1)
+    useless = _between(values, first, last + 1)
     whole = "throughout" if not len(others) else f"from {moment(times[first])} UTC to {moment(times[last])} UTC"
     return Broken(
         "stuck", channel, f"{channel} is stuck",
-        f"It reads {number(float(own[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; {words}.",
+        f"It reads {number(float(values[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; {words}.",
         _leave_out(channel, times, useless) if len(others) else f"Leave {channel} out of 'observations'", useless,
     )  # fmt: skip
 
 
-def _runs(own: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _runs(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Where equal samples in a row [t] begin, and how many they are."""
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(own) != 0.0) + 1])
-    return starts, np.diff(np.append(starts, len(own)))
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0.0) + 1])
+    return starts, np.diff(np.append(starts, len(values)))
 
 
-def _jump(times: NDArray[np.datetime64], own: FloatArray, end: int) -> float:
+def _jump(times: NDArray[np.datetime64], values: FloatArray, end: int) -> float:
     """K to the first of the samples [t] after a stretch; 0 where there is none, or a gap before it."""
-    follows = end < len(own) and times[end] - times[end - 1] <= _GAP * np.median(np.diff(times))
-    return abs(float(own[end] - own[end - 1])) if follows else 0.0
+    follows = end < len(values) and times[end] - times[end - 1] <= _GAP * np.median(np.diff(times))
+    return abs(float(values[end] - values[end - 1])) if follows else 0.0
 
 
 def _moves(modelled: FloatArray, first: int, end: int) -> float:
@@ -302,8 +306,8 @@ def stuck_throughout(
 ) -> Broken | None:
     """A channel whose samples [T] K are all the same, where half as many of another window, `elsewhere` [S] K, move."""
     valid = np.isfinite(values)
-    own, known = values[valid], elsewhere[np.isfinite(elsewhere)]
-    if min(len(own), len(known)) < _STUCK or len(own) < len(known) // 2 or np.ptp(own) > 0.0:
+    read, known = values[valid], elsewhere[np.isfinite(elsewhere)]
+    if min(len(read), len(known)) < _STUCK or len(read) < len(known) // 2 or np.ptp(read) > 0.0:
         return None
     moves = min(float(np.ptp(half)) for half in np.array_split(known, 2))
     if moves < max(_MOVES, 4.0 * step_of(known)):
@@ -311,61 +315,61 @@ def stuck_throughout(
     at = times[valid]
     return Broken(
         "stuck", channel, f"{channel} is stuck",
-        f"It reads {number(float(own[0]) - ICE_POINT, 4)} degC in all {len(own)} samples from {moment(at[0])} UTC to "
+        f"It reads {number(float(read[0]) - ICE_POINT, 4)} degC in all {len(read)} samples from {moment(at[0])} UTC to "
         f"{moment(at[-1])} UTC; in the window to train on it moves by {number(moves, 2)} K.",
         _leave_out(channel, at, valid[valid]), valid,
     )  # fmt: skip
 
 
-def _usual_move(own: FloatArray, first: int, end: int, count: int) -> float:
+def _usual_move(values: FloatArray, first: int, end: int, count: int) -> float:
     """K, by which a channel [t] moves in `count` samples beside a stretch; 0 where it rests or the stretch is most."""
-    sides = [side for side in (own[:first], own[end:]) if len(side) >= count]
-    if not sides or end - first > len(own) // 2:
+    sides = [side for side in (values[:first], values[end:]) if len(side) >= count]
+    if not sides or end - first > len(values) // 2:
         return 0.0
     moves = np.concatenate([np.ptp(sliding_window_view(side, count), axis=1) for side in sides])
-    return float(np.median(moves)) if moves.min() >= _STEPS * step_of(own) else 0.0
+    return float(np.median(moves)) if moves.min() >= _STEPS * step_of(values) else 0.0
 
 
-def _breaks_off(times: NDArray[np.datetime64], own: FloatArray, first: int, end: int, jump: float) -> bool:
+def _breaks_off(times: NDArray[np.datetime64], values: FloatArray, first: int, end: int, jump: float) -> bool:
     """Whether a stretch of equal samples [t] begins in the midst of a motion, or ends with a jump of so many K.
 
     A temperature that comes to rest slows down before, and it sets out again with steps as any other.
     """
-    away, steps = np.diff(times), np.abs(np.diff(own))
+    away, steps = np.diff(times), np.abs(np.diff(values))
     # The usual one: means of coarse readings are a small step apart now and then.
-    least = _STEPS * max(float(np.median(steps[steps > 0.0])), noise_of(own))
+    least = _STEPS * max(float(np.median(steps[steps > 0.0])), noise_of(values))
     if first >= _BEFORE and away[first - _BEFORE : first].max() <= _GAP * np.median(away):
-        earlier, middle, start = own[[first - _BEFORE, first - _BEFORE // 2, first]]
+        earlier, middle, start = values[[first - _BEFORE, first - _BEFORE // 2, first]]
         if abs(start - middle) >= max(least, _SLOWED * abs(middle - earlier)):
             return True
     others = np.delete(steps, slice(first, end))
     return bool(jump >= max(least, _THAN_OTHERS * np.quantile(others, 0.95)))
 
 
-def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
-    moves = np.append(False, np.diff(own) != 0.0)
+def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    moves = np.append(False, np.diff(values) != 0.0)
     best = (0, 0, 0, 0)  # changes, lag, first, last
-    for lag in _lags(own, moves):
-        same = own[lag:] == own[:-lag]
+    for lag in _lags(values, moves):
+        same = values[lag:] == values[:-lag]
         edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             count = int(moves[lag + first : lag + last].sum())
             if count > best[0]:
                 best = (count, lag, lag + int(first), lag + int(last))
     count, lag, first, last = best
-    if count < _COPIED or len(np.unique(own[first:last])) < 6:
+    if count < _COPIED or len(np.unique(values[first:last])) < 6:
         return None
     # What comes again in every orbit, and is read in coarse steps, is often the same by chance.
-    same = own[lag:] == own[:-lag]
+    same = values[lag:] == values[:-lag]
     outside = np.concatenate([same[: first - lag], same[last - lag :]])
     # Where two curves come close they stay so, and then it is the noise alone that tells readings apart.
-    lags = np.unique(np.linspace(2, len(own) // 2, _MOST_LAGS).round().astype(int))
-    usual = float(np.median([np.mean(own[other:] == own[:-other]) for other in lags.tolist()]))
-    likely = [_ALIKE, _alike(own), usual]
+    lags = np.unique(np.linspace(2, len(values) // 2, _MOST_LAGS).round().astype(int))
+    usual = float(np.median([np.mean(values[other:] == values[:-other]) for other in lags.tolist()]))
+    likely = [_ALIKE, _alike(values), usual]
     likely += [float(outside.mean())] if len(outside) >= _COPIED else []
     if max(likely) ** count > _CHANCE:
         return None
-    useless = _between(own, first, last)
+    useless = _between(values, first, last)
     return Broken(
         "repeating", channel, f"{channel} repeats itself",
         f"{last - first} samples from {moment(times[first])} UTC on are exactly those of {lag} samples before.",
@@ -373,7 +377,7 @@ def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, mod
     )  # fmt: skip
 
 
-def _lags(own: FloatArray, moves: NDArray[np.bool_]) -> list[int]:
+def _lags(values: FloatArray, moves: NDArray[np.bool_]) -> list[int]:
     """Lags in samples, up to half of all, at which some changes in a row of samples [T] come again; moves: [T].
 
     A change is told by what is read then and how many samples later the next one comes.
@@ -381,7 +385,7 @@ def _lags(own: FloatArray, moves: NDArray[np.bool_]) -> list[int]:
     changes = np.flatnonzero(moves)
     if len(changes) <= _IN_A_ROW:
         return []
-    told = np.stack([own[changes[:-1]], np.diff(changes).astype(float)], axis=1)
+    told = np.stack([values[changes[:-1]], np.diff(changes).astype(float)], axis=1)
     kinds = np.unique(told, axis=0, return_inverse=True)[1].ravel()
     rows = sliding_window_view(kinds, _IN_A_ROW)
     order = np.lexsort(rows.T)
@@ -389,7 +393,7 @@ def _lags(own: FloatArray, moves: NDArray[np.bool_]) -> list[int]:
     found: set[int] = set()
     for group in np.split(changes[order], np.flatnonzero(~alike) + 1):
         lags = np.abs(np.subtract.outer(group[:_MOST_ALIKE], group[:_MOST_ALIKE]))
-        found.update(lags[(lags >= 2) & (lags <= len(own) // 2)].tolist())
+        found.update(lags[(lags >= 2) & (lags <= len(values) // 2)].tolist())
     return sorted(found)
 
 
@@ -398,7 +402,7 @@ def _leave_out(channel: str, times: NDArray[np.datetime64], useless: NDArray[np.
     edges = np.flatnonzero(np.diff(np.concatenate([[0], useless.astype(int), [0]]))).reshape(-1, 2)
     half = np.median(np.diff(times)) // 2
     ends = (np.datetime_as_string([times[first] - half, times[end - 1] + half], unit="ms") for first, end in edges)
-    texts = (tuple(str(own).removesuffix(".000") for own in pair) for pair in ends)
+    texts = (tuple(str(name).removesuffix(".000") for name in pair) for pair in ends)
     spans = ", ".join(f"{{start: {start}, end: {end}}}" for start, end in texts)
     return f"Leave it out: 'leave_out: [{spans}]' of {channel} in 'telemetry: channels'"
 

@@ -140,7 +140,7 @@ def _expanded(window: Window, theta: FloatArray) -> Window:
 
 def _without_derivatives(problem: Problem, draws: FloatArray, runs: ManyRuns, rounds: int) -> Centre:
     """Gauss-Newton steps with differences, from the prior draw that is nearest to the telemetry."""
-    misfits = [np.inf if own is None else float(np.nanmean(problem.residual(own) ** 2)) for own in runs]
+    misfits = [np.inf if run is None else float(np.nanmean(problem.residual(run) ** 2)) for run in runs]
     if not np.isfinite(misfits).any():
         raise FlightcalError("no simulation at the prior's draws finishes; see 'flightcal simulate'")
     z = problem.to_z(with_residual_noise(problem, draws[int(np.argmin(misfits))]))

@@ -146,7 +146,8 @@ class Comparison:
         times = self.telemetry["time"].to_numpy()
         known = [times[np.isfinite(self.telemetry[name].to_numpy())] for name in channels if name in self.telemetry]
         return max(
-            (float(np.median(np.diff(own)) / np.timedelta64(1, "s")) for own in known if len(own) > 1), default=0.0
+            (float(np.median(np.diff(number)) / np.timedelta64(1, "s")) for number in known if len(number) > 1),
+            default=0.0,
         )
 
     @cached_property
@@ -160,7 +161,7 @@ class Comparison:
         return self.as_read if observed is self.observed else self._flat(observed)
 
     def _flat(self, observed: FloatArray) -> FloatArray:
-        excess = [own.excess(self.rows.seconds, observed) for own in self.thermostats]
+        excess = [thermostat.excess(self.rows.seconds, observed) for thermostat in self.thermostats]
         return np.concatenate([observed.T.ravel(), excess])
 
     def of_channel(self, channel: int, values: FloatArray) -> FloatArray:
@@ -168,8 +169,8 @@ class Comparison:
         t, count = len(values), len(self.channels)
         found = np.zeros((count * t + len(self.thermostats), values.shape[1]))
         found[channel * t : (channel + 1) * t] = values
-        for row, own in enumerate(self.thermostats):
-            if own.channel == channel:
+        for row, thermostat in enumerate(self.thermostats):
+            if thermostat.channel == channel:
                 found[count * t + row] = values.mean(axis=0)
         return found
 

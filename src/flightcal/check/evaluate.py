@@ -89,7 +89,10 @@ def densities(problem: Problem, z: FloatArray, runs: ManyRuns | None = None) -> 
     runs: the simulations, where they have been made.
     """
     runs = problem.simulate_many(problem.to_theta(z)) if runs is None else runs
-    values = [-np.inf if own is None else problem.log_density(row, own) for row, own in zip(z, runs, strict=True)]
+    values = [
+        -np.inf if trajectories is None else problem.log_density(row, trajectories)
+        for row, trajectories in zip(z, runs, strict=True)
+    ]
     return np.array(values), runs
 
 

@@ -139,7 +139,7 @@ class Gaussian:
         """Independent columns [R, k] of columns in deviations, and the variances [R] of their rows, at each size."""
         if self.modes is None:
             one = np.ones(len(columns))
-            return [(solve_triangular(own, columns, lower=True, check_finite=False), one) for own in self.factors]
+            return [(solve_triangular(factor, columns, lower=True, check_finite=False), one) for factor in self.factors]
         white, first = self.modes.across @ columns, self.sizes[0]
         return [(white, 1.0 + (size**2 - first**2) * self.modes.heat) for size in self.sizes]
 
@@ -160,12 +160,12 @@ class Gaussian:
         rows = int(self.known.sum())
         of_sizes = self._white(left[:, None] if columns is None else np.column_stack([left, columns]))
         for k, (size, factor, (white, variances)) in enumerate(zip(self.sizes, self.factors, of_sizes, strict=True)):
-            own, extra = white[:, 0], white[:, 1:]
+            first, extra = white[:, 0], white[:, 1:]
             over = extra / variances[:, None]
             inner = np.eye(extra.shape[1]) + extra.T @ over
-            added = np.linalg.solve(inner, over.T @ own)
-            rest = own / variances - over @ added
-            square = float(own @ rest)
+            added = np.linalg.solve(inner, over.T @ first)
+            rest = first / variances - over @ added
+            square = float(first @ rest)
             # A size beside one is less likely: heat of a fifth of the flow is no longer usual.
             volume = float(np.log(np.diag(factor)).sum()) + 0.5 * float(np.linalg.slogdet(inner)[1])
             volume += 0.5 * (np.log2(size) / 0.7) ** 2
@@ -251,7 +251,9 @@ def climbed(
     assert found is not None
     # Where a node begins is read from the telemetry, that may be wrong.
     names = view.problem.names
-    off = [abs(float(own)) for name, own in zip(names, found.moved, strict=True) if not name.startswith("initial.")]
+    off = [
+        abs(float(change)) for name, change in zip(names, found.moved, strict=True) if not name.startswith("initial.")
+    ]
     return replace(found, farthest=max([found.farthest, *off]))
 
 

@@ -80,34 +80,36 @@ def beside_heat(problem: Problem, z: FloatArray) -> BesideHeat | None:
     Raises FlightcalError where a simulation next to z fails.
     """
     if heat_of(problem.scenario) is None or any(
-        own.network is None or not own.network.network.heated for own in problem.windows
+        window.network is None or not window.network.network.heated for window in problem.windows
     ):
         return None
     theta = problem.to_theta(z)
-    windows = [_held(own, problem.at(own, theta)) for own in sampled_windows(problem)]
+    windows = [_held(window, problem.at(window, theta)) for window in sampled_windows(problem)]
     driven = replace(problem, windows=tuple(windows), open_loop=None)
-    thetas = [problem.at(own, theta) for own in windows]
+    thetas = [problem.at(window, theta) for window in windows]
     try:
         model = heat_in_prior(problem, windows)
         assert model is not None
-        units = [unit_heats(model, own) for own in windows]
+        units = [unit_heats(model, window) for window in windows]
         effects = driven.jacobians(z)
-        heats = [responses(own, at, model, heat) for own, at, heat in zip(windows, thetas, units, strict=True)]
+        heats = [responses(window, at, model, heat) for window, at, heat in zip(windows, thetas, units, strict=True)]
     except SimulationFailure as failure:
         raise FlightcalError(f"simulations next to the mode fail: {failure}") from None
-    most = [max(own.shape[2] for own in of_group) for of_group in zip(*heats, strict=True)]
+    most = [max(series.shape[2] for series in of_group) for of_group in zip(*heats, strict=True)]
     sizes = np.repeat([group.size for group in model.groups], most)
     # That of a switch's time is the heater's, which the telemetry has; that of a gap is the driver's; and an error of
     # the simulator is no heat. None is like what is inferred.
     node = np.concatenate(
         [
-            np.full(count, -1) if group.part in ("switches", "changes", "gaps", "error") else own.node
-            for group, own, count in zip(model.groups, units[0], most, strict=True)
+            np.full(count, -1) if group.part in ("switches", "changes", "gaps", "error") else group_units.node
+            for group, group_units, count in zip(model.groups, units[0], most, strict=True)
         ]
     )
-    whitened = [_Whitening(own, at) for own, at in zip(windows, thetas, strict=True)]
+    whitened = [_Whitening(window, at) for window, at in zip(windows, thetas, strict=True)]
     effect = np.concatenate([whiten(jacobian) for whiten, jacobian in zip(whitened, effects, strict=True)])
-    heat = np.concatenate([whiten(_padded(own, most)) for whiten, own in zip(whitened, heats, strict=True)])
+    heat = np.concatenate(
+        [whiten(_padded(window_heats, most)) for whiten, window_heats in zip(whitened, heats, strict=True)]
+    )
     by_node = {name: heat[:, node == k] * sizes[node == k] for k, name in enumerate(model.nodes)}
     return _compared(problem.entries, effect * problem.priors.spread(), heat * sizes, by_node)
 
@@ -121,7 +123,8 @@ def _held(window: Window, theta: FloatArray) -> Window:
 def _padded(of_groups: Sequence[FloatArray], most: Sequence[int]) -> FloatArray:
     """Responses [T, N, f] of all groups side by side; a window without a group's functions does not answer to them."""
     wide = [
-        np.pad(own, ((0, 0), (0, 0), (0, count - own.shape[2]))) for own, count in zip(of_groups, most, strict=True)
+        np.pad(columns, ((0, 0), (0, 0), (0, count - columns.shape[2])))
+        for columns, count in zip(of_groups, most, strict=True)
     ]
     return np.concatenate(wide, axis=2)
 
@@ -131,8 +134,8 @@ class _Whitening:
 
     def __init__(self, window: Window, theta: FloatArray) -> None:
         numbers, kinds, shapes = window.numbers(theta), window.residuals.terms.kinds, []
-        for kind, own in zip(kinds, numbers, strict=True):
-            known = dict(zip(kind.names, own.tolist(), strict=False))
+        for kind, kind_numbers in zip(kinds, numbers, strict=True):
+            known = dict(zip(kind.names, kind_numbers.tolist(), strict=False))
             white = known[kind.white] / known["standard_deviation"] if kind.white else 0.0
             shapes.append(Shaped(known["correlation_time"], white) if kind.has_memory else Shaped(0.0, 1.0))
         self.terms = replace(window.residuals.terms, kinds=tuple(shapes), heat=None)
@@ -154,7 +157,7 @@ def _compared(
     basis = _basis(effect[:, aside])
     left = effect - basis @ (basis.T @ effect)
     told = np.einsum("rd,rd->d", left, left)
-    shared = {name: _shared(left, own - basis @ (basis.T @ own)) for name, own in by_node.items()}
+    shared = {name: _shared(left, columns - basis @ (basis.T @ columns)) for name, columns in by_node.items()}
     found: dict[int, Imitated] = {}
     for k, entry in enumerate(entries):
         if entry.kind == "parameter" and told[k] > 0.0:
@@ -162,13 +165,13 @@ def _compared(
             cosine = float(np.sqrt(np.clip(shared[node][k, k] / told[k], 0.0, 1.0)))
             found[k] = Imitated(entry.name, _kind(entry), node, cosine, float(without[k]), float(beside[k]))
     pairs = []
-    for i, j in combinations([k for k, own in found.items() if own.cosine > ALIKE], 2):
+    for i, j in combinations([k for k, imitation in found.items() if imitation.cosine > ALIKE], 2):
         if found[i].node == found[j].node:
-            own = shared[found[i].node]
-            cosine = float(abs(own[i, j]) / np.sqrt(own[i, i] * own[j, j]))
+            shared_by = shared[found[i].node]
+            cosine = float(abs(shared_by[i, j]) / np.sqrt(shared_by[i, i] * shared_by[j, j]))
             if cosine > ALIKE:
                 pairs.append((entries[i].name, entries[j].name, found[i].node, cosine))
-    parameters = sorted(found.values(), key=lambda own: -own.cosine)
+    parameters = sorted(found.values(), key=lambda imitation: -imitation.cosine)
     return BesideHeat(tuple(parameters), tuple(sorted(pairs, key=lambda pair: -pair[3])))
 
 

@@ -49,9 +49,9 @@ def jumps(
     # Each packet has times of its own, at which the others have nothing: places are among a channel's own samples.
     valid = [np.flatnonzero(np.isfinite(column)) for column in observed.T]
     found = [
-        (int(own[place + 1]), k, place)
-        for k, own in enumerate(valid)
-        for place in _of_channel(times[own], observed[own, k], modelled[own, k], np.diff(own) == 1).tolist()
+        (int(rows[place + 1]), k, place)
+        for k, rows in enumerate(valid)
+        for place in _of_channel(times[rows], observed[rows, k], modelled[rows, k], np.diff(rows) == 1).tolist()
     ]
     leaps = {(k, place) for _, k, place in found}
     result: list[Jump] = []
@@ -59,16 +59,16 @@ def jumps(
     for after, first, place in sorted(found):
         if (first, place) in told:
             continue
-        places = {k: int(np.searchsorted(own, after)) - 1 for k, own in enumerate(valid)}
-        jumping = [first, *(k for k, own in places.items() if k != first and (k, own) in leaps)]
+        places = {k: int(np.searchsorted(rows, after)) - 1 for k, rows in enumerate(valid)}
+        jumping = [first, *(k for k, row in places.items() if k != first and (k, row) in leaps)]
         jumping += [
             k
-            for k, own in enumerate(valid)
-            if k not in jumping and 0 <= places[k] < len(own) - 1 and _jumps_too(observed[own, k], places[k])
+            for k, rows in enumerate(valid)
+            if k not in jumping and 0 <= places[k] < len(rows) - 1 and _jumps_too(observed[rows, k], places[k])
         ]
         told |= {(k, places[k]) for k in jumping}
         before = [observed[valid[k][: places[k] + 1][-_SENT_AGAIN:], k] for k in jumping]
-        if len(jumping) > 1 and all(len(own) == _SENT_AGAIN and (own == own[0]).all() for own in before):
+        if len(jumping) > 1 and all(len(jump) == _SENT_AGAIN and (jump == jump[0]).all() for jump in before):
             continue
         height = observed[after, first] - observed[valid[first][place], first]
         result.append(Jump(times[after], tuple(channels[k] for k in jumping), float(height)))
@@ -86,8 +86,8 @@ def in_turns(channels: Sequence[str], observed: FloatArray, modelled: FloatArray
         to_next, to_second = (np.abs(values[known][k:] - values[known][:-k]) for k in (1, 2))
         if len(to_second) < _FEW or not np.isfinite(model[known]).all():
             continue
-        others = (float(np.median(own)) for own in (to_second, np.abs(np.diff(model[known]))))
-        if float(np.median(to_next)) > max(_LEAST, *(_TIMES * own for own in others)):
+        others = (float(np.median(moves)) for moves in (to_second, np.abs(np.diff(model[known]))))
+        if float(np.median(to_next)) > max(_LEAST, *(_TIMES * other for other in others)):
             found.append(name)
     return found if len(found) > 1 else []
 
@@ -138,7 +138,7 @@ def in_words(found: Sequence[Jump], turning: Sequence[str] = ()) -> list[tuple[s
             "Part them by the column that says whose a row is, such as a tag that was left out of an export",
         )
         return [("order", "rows", words)]
-    together = [own for own in found if len(own.channels) > 1]
+    together = [jump for jump in found if len(jump.channels) > 1]
     if together:
         first, more = _largest(together)
         words = Words(
@@ -150,8 +150,8 @@ def in_words(found: Sequence[Jump], turning: Sequence[str] = ()) -> list[tuple[s
         )
         return [("order", "time", words)]
     told = []
-    for channel in dict.fromkeys(own.channels[0] for own in found):
-        first, more = _largest([own for own in found if own.channels[0] == channel])
+    for channel in dict.fromkeys(jump.channels[0] for jump in found):
+        first, more = _largest([jump for jump in found if jump.channels[0] == channel])
         words = Words(
             f"{channel} jumps",
             f"At {moment(first.time)} UTC it goes by {number(abs(first.height), 2)} K from one sample to the next"
@@ -167,4 +167,4 @@ def _largest(found: Sequence[Jump]) -> tuple[Jump, str]:
     """The largest jump, and in words how many others there are."""
     others = len(found) - 1
     more = f"; so it does at {others} other moment{'s' if others > 1 else ''}" if others else ""
-    return max(found, key=lambda own: abs(own.height)), more
+    return max(found, key=lambda jump: abs(jump.height)), more

@@ -83,7 +83,7 @@ def _states(view: View) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     if isinstance(attitude, AttitudeTimeline):
         which = np.searchsorted(slew_begins(attitude), window.times[kept], side="right")
         flown = [attitude.timeline[k].attitude for k in which]
-        for name in dict.fromkeys(own for own in flown if isinstance(own, str)):
-            yield f"in attitude '{name}'", np.array([own == name for own in flown])
+        for name in dict.fromkeys(state for state in flown if isinstance(state, str)):
+            yield f"in attitude '{name}'", np.array([state == name for state in flown])
     yield "in the first half of the window", seconds < seconds[len(seconds) // 2]
     yield "in the second half of the window", seconds >= seconds[len(seconds) // 2]

@@ -57,7 +57,10 @@ def _suspects(suspects: Suspects) -> list[Block]:
     )
     if not suspects.found:
         return [block.text(f"{text} Nothing was found.")]
-    rows = [[own.title, own.sentence, own.advice, number(own.nats or None, 3)] for own in suspects.found]
+    rows = [
+        [suspicion.title, suspicion.sentence, suspicion.advice, number(suspicion.nats or None, 3)]
+        for suspicion in suspects.found
+    ]
     header = ("what", "why", "what to do", "log odds against nothing wrong")
     return [block.text(text), block.table(Table(header, rows, (3,)))]
 
@@ -142,14 +145,14 @@ def _identifiability(checked: Checked) -> list[Block]:
 def _heat(found: BesideHeat) -> list[Block]:
     rows = [
         [
-            own.name,
-            own.node,
-            Cell(f"{own.cosine:.2f}", "warn" if own.cosine > ALIKE else "good"),
-            percent(own.without),
-            percent(own.beside),
-            Cell(times(own.growth), "warn" if own.growth > WIDER else "good"),
+            imitation.name,
+            imitation.node,
+            Cell(f"{imitation.cosine:.2f}", "warn" if imitation.cosine > ALIKE else "good"),
+            percent(imitation.without),
+            percent(imitation.beside),
+            Cell(times(imitation.growth), "warn" if imitation.growth > WIDER else "good"),
         ]
-        for own in found.parameters
+        for imitation in found.parameters
     ]
     header = ("parameter", "most like heat in", "cosine", "width without heat", "width with heat", "times as wide")
     return [

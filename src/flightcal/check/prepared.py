@@ -50,12 +50,12 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     scenario, telemetry = _held(scenario, telemetry, name)
     model = scenario.network
     heaters, channels = model.switches, dict(scenario.telemetry.channels)
-    for heater, own in heaters.items():
-        if own.measured_by is None:
+    for heater, block in heaters.items():
+        if block.measured_by is None:
             channel = f"{INFERRED}{heater}"
             telemetry = telemetry.assign({channel: ("time", inferred(scenario, telemetry, heater))})
             channels[channel] = Channel(column=channel, kind="status")
-            heaters[heater] = own.model_copy(update={"measured_by": channel})
+            heaters[heater] = block.model_copy(update={"measured_by": channel})
     update: dict[str, Any] = {"heaters": {**model.heaters, **heaters}}
     update |= {"heater_input": "measured"} if heaters else {}
     update["conductors"] = (*model.conductors, *_of_nothing(model))
@@ -64,7 +64,7 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
         "simulator": model.model_copy(update=update),
         "telemetry": read,
         "heat": _heat(scenario),
-        "parameters": {name: _unbounded(own) for name, own in scenario.parameters.items()},
+        "parameters": {name: _unbounded(parameter) for name, parameter in scenario.parameters.items()},
     }
     changed = scenario.model_copy(update=of_all)
     window = build_window(changed, telemetry, name)
@@ -78,7 +78,7 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
 
 def _held(scenario: Scenario, telemetry: xarray.Dataset, window: str) -> tuple[Scenario, xarray.Dataset]:
     """The scenario and its telemetry, as `pinned` makes them."""
-    silent = any(own.measured_by is None for own in scenario.network.switches.values())
+    silent = any(heater.measured_by is None for heater in scenario.network.switches.values())
     fast = fast_heaters([build_window(scenario, telemetry, window)]) if silent else ()
     span = window_bounds(scenario.windows[window], orbital_period(scenario.environment, scenario.folder))
     return pinned(scenario, telemetry, unseen_heaters(scenario, telemetry, [span], fast), fast)
@@ -95,9 +95,9 @@ def _heat(scenario: Scenario) -> Heat:
 
 def _of_nothing(model: SimulatorModel) -> Iterator[Conductor]:
     """Conductors that conduct nothing yet, between nodes of a small network that are not linked."""
-    own = [name for name, node in model.nodes.items() if node.boundary is None]
+    free = [name for name, node in model.nodes.items() if node.boundary is None]
     linked = {frozenset(conductor.between) for conductor in model.conductors}
-    for pair in combinations(own, 2) if len(own) <= _MOST_LINKED else ():
+    for pair in combinations(free, 2) if len(free) <= _MOST_LINKED else ():
         if frozenset(pair) not in linked:
             yield Conductor(between=pair, conductance=f"{NO_LINK} W/K")
 

@@ -99,14 +99,14 @@ def prior_predictive(
 ) -> PriorPredictive:
     """Bands and shares of the prior's draws; prior_runs: thetas [S, d] and their simulations."""
     thetas, runs = prior_runs
-    whole = np.array([own is not None for own in runs])
+    whole = np.array([trajectories is not None for trajectories in runs])
     rng = np.random.default_rng(seed)
     quiet = problem.priors.quantile(_QUIET)
     bands: list[Bands] = []
     channels: list[ChannelReach] = []
     heaters: list[HeaterReach] = []
     for k, window in enumerate(problem.windows):
-        of_window = [own[k] for own in runs if own is not None]
+        of_window = [trajectories[k] for trajectories in runs if trajectories is not None]
         least = 2.0 * window.noise(problem.at(window, quiet))
         bands.append(_bands(window, of_window, problem.at(window, thetas[whole]), least, rng))
         channels += _channels(window, bands[-1])

@@ -179,11 +179,11 @@ def _outputs(problem: Problem, reference: Runs, likelihoods: FloatArray, runs: M
     outputs = np.full((len(runs), len(problem.channels) + len(problem.heaters) + 1), np.nan)
     spans = np.array([(window.times[-1] - window.times[0]) / np.timedelta64(1, "s") for window in problem.windows])
     shares = spans / spans.sum()
-    for row, likelihood, own in zip(outputs, likelihoods, runs, strict=True):
-        if own is not None:
-            moved = [run.temperatures - base.temperatures for run, base in zip(own, reference, strict=True)]
+    for row, likelihood, trajectories in zip(outputs, likelihoods, runs, strict=True):
+        if trajectories is not None:
+            moved = [run.temperatures - base.temperatures for run, base in zip(trajectories, reference, strict=True)]
             change = np.sqrt(np.mean(np.concatenate(moved) ** 2, axis=0))
-            row[:] = [*change, *(shares @ np.stack([run.duty_cycle for run in own])), likelihood]
+            row[:] = [*change, *(shares @ np.stack([run.duty_cycle for run in trajectories])), likelihood]
     return outputs
 
 

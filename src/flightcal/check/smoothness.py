@@ -115,7 +115,7 @@ def scan_all(problem: Problem, centre: Centre, effort: Effort, progress: Progres
     marks: list[tuple[int, ...]] = []
     for part in in_batches(len(points)):
         flat[part], runs = densities(problem, points[part])
-        marks += [signature(own, len(problem.heaters)) for own in runs]
+        marks += [signature(run, len(problem.heaters)) for run in runs]
         progress.at(part.stop / len(points))
     values = flat.reshape(len(names), -1)
     signatures = [marks[k * effort.scan : (k + 1) * effort.scan] for k in range(len(names))]
@@ -182,8 +182,8 @@ def _located(
         middle = ends.mean(axis=0)
         height, runs = densities(problem, centre.z + middle[:, None] * directions[:, scan].T)
         smooth = slope * (middle - ends[0]) / spacing
-        for c, own in enumerate(runs):
-            mark = signature(own, heaters)
+        for c, run in enumerate(runs):
+            mark = signature(run, heaters)
             lower_mark, upper_mark = marks[0][c], marks[1][c]
             if lower_mark != upper_mark and mark in (lower_mark, upper_mark):
                 side = int(mark == upper_mark)
@@ -252,7 +252,7 @@ def check_gradient(
             continue
         points += 1
         values, runs = densities(problem, np.concatenate([z[None], z + offsets, z - offsets]))
-        marks = [signature(own, len(problem.heaters)) for own in runs]
+        marks = [signature(run, len(problem.heaters)) for run in runs]
         usable = np.array([mark == marks[0] for mark in marks[1:]]).reshape(2, len(steps), dimension)
         sides = values[1:].reshape(2, len(steps), dimension) - values[0]
         slopes = np.where(usable, sides / steps[:, None], np.nan) * np.array([1.0, -1.0])[:, None, None]

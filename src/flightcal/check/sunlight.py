@@ -61,7 +61,7 @@ class Sunlight:
         except OrbitError:  # samples of orbit or attitude do not reach as far
             return self._between(first, last)
         then = slice(*np.searchsorted(times, [first, last]).tolist())
-        return times[then], {column: own[then] for column, own in lit.items()}
+        return times[then], {column: sunlit[then] for column, sunlit in lit.items()}
 
     @cached_property
     def _around(self) -> Shone:

@@ -70,11 +70,20 @@ def suspects(
         view, why_not = None, str(error)
     seen = _seen(window.simulator.channels, window.times, window.observed, modelled)
     of_channels = [*seen, *_elsewhere(problem, telemetry, seen)]
-    found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in of_channels]
+    found = [
+        Suspicion(
+            broken_channel.kind,
+            broken_channel.channel,
+            broken_channel.title,
+            broken_channel.sentence,
+            broken_channel.advice,
+        )
+        for broken_channel in of_channels
+    ]
     found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
     found += [Suspicion("thresholds exchanged", pair, *astuple(words)) for pair, words in exchanged(window)]
     turning = in_turns(window.simulator.channels, window.observed, modelled)
-    jumped = in_words(_jumps(window, modelled, {own.channel for own in seen}), turning)
+    jumped = in_words(_jumps(window, modelled, {broken_channel.channel for broken_channel in seen}), turning)
     found = [*(Suspicion(kind, about, *astuple(words)) for kind, about, words in jumped), *found]
     if any(kind == "order" for kind, _, _ in jumped):
         why_not = "telemetry that is not in order is not compared with the simulator"
@@ -89,7 +98,7 @@ def suspects(
     misread = None if judged.misfit is None else _misread(problem.scenario, telemetry, judged.misfit.channel)
     if misread is None:
         return judged
-    by_themselves = (own for own in judged.found if own.nats is None)
+    by_themselves = (suspicion for suspicion in judged.found if suspicion.nats is None)
     return replace(judged, found=(misread, *by_themselves), misfit=None)
 
 
@@ -98,7 +107,7 @@ def _seen(
 ) -> list[Broken]:
     """What channels show by themselves; observed, modelled: [T, C] K."""
     looks = (broken(name, times, observed[:, k], modelled[:, k]) for k, name in enumerate(channels))
-    return [own for own in looks if own is not None]
+    return [look for look in looks if look is not None]
 
 
 def _elsewhere(problem: Problem, telemetry: xarray.Dataset, seen: list[Broken]) -> Iterator[Broken]:
@@ -108,11 +117,11 @@ def _elsewhere(problem: Problem, telemetry: xarray.Dataset, seen: list[Broken]) 
     channels = first.simulator.channels
     for told in seen:
         useful[told.useless, channels.index(told.channel)] = np.nan
-    for name, own in scenario.windows.items():
+    for name, window in scenario.windows.items():
         if name == first.name:
             continue
         try:
-            samples = select_window(telemetry, own, first.period, name)
+            samples = select_window(telemetry, window, first.period, name)
         except TelemetryError:  # it is told where the window is used
             continue
         values = np.stack([samples[channel].to_numpy() for channel in channels], axis=1)
@@ -144,8 +153,8 @@ def _simulated(problem: Problem, telemetry: xarray.Dataset, name: str, times: ND
         other = build_problem(problem.scenario, telemetry, name)
     except FlightcalError:
         return np.full((len(times), len(problem.windows[0].simulator.channels)), np.nan)
-    own, at = other.windows[0].times.astype(float), times.astype(float)
-    return np.stack([np.interp(at, own, values) for values in _throughout(other).T], axis=1)
+    simulated_at, at = other.windows[0].times.astype(float), times.astype(float)
+    return np.stack([np.interp(at, simulated_at, values) for values in _throughout(other).T], axis=1)
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:
@@ -157,9 +166,11 @@ def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list
 
 def _known(data: xarray.Dataset, times: NDArray[np.datetime64], seen: list[Broken]) -> xarray.Dataset:
     """Telemetry without the samples that are known to be of no use."""
-    for own in seen:
-        useless = np.isin(data["time"].to_numpy(), times[own.useless])
-        data = data.assign({own.channel: ("time", np.where(useless, np.nan, data[own.channel].to_numpy()))})
+    for broken_channel in seen:
+        useless = np.isin(data["time"].to_numpy(), times[broken_channel.useless])
+        data = data.assign(
+            {broken_channel.channel: ("time", np.where(useless, np.nan, data[broken_channel.channel].to_numpy()))}
+        )
     return data
 
 
@@ -189,14 +200,14 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
     if likely or not nothing.is_usual:
         # What makes up for missed switches may be a capacity.
         found = [*found, *(Suspicion("sampling", name, *astuple(words)) for name, words in unfollowed(view.window))]
-    kinds = {own.kind for own in (*found, *likely)}
+    kinds = {suspicion.kind for suspicion in (*found, *likely)}
     for name, words, constant in odd:
         if not kinds & (OF_THERMOSTATS if constant else OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
     every = [*found, *likely]
     if likely and likely[0].kind == "clock":
         # Times that are wrong make spikes of what changes fast.
-        every.sort(key=lambda own: own.kind == "spike")
+        every.sort(key=lambda suspicion: suspicion.kind == "spike")
     return Suspects(tuple(every), True, "", where)
 
 
@@ -206,9 +217,13 @@ def _misread(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> Sus
     By its readings as they are such a heater was never on, or always, so that `units` does not find it.
     """
     node = scenario.observations[channel].node
-    silent = [name for name, own in scenario.network.switches.items() if own.measured_by is None and own.sensor == node]
+    silent = [
+        name
+        for name, heater in scenario.network.switches.items()
+        if heater.measured_by is None and heater.sensor == node
+    ]
     states = [set(np.unique(inferred(scenario, telemetry, name))) for name in silent]
-    if not any(own in ({0.0}, {1.0}) for own in states):
+    if not any(state in ({0.0}, {1.0}) for state in states):
         return None
     for read, words in in_other_units(channel, telemetry[channel].to_numpy()):
         try:
@@ -239,13 +254,13 @@ def _beside_the_unrelated(view: View, likely: Sequence[Suspicion], progress: Pro
     A light array alone shows to the second when the Sun comes and goes. Where an eclipse is far off, that array is what
     disagrees most; and what makes the other channels more probable is then wrong for all. Raises SimulationFailure.
     """
-    unrelated = {own.about for own in likely if own.kind == "unrelated"}
+    unrelated = {suspicion.about for suspicion in likely if suspicion.kind == "unrelated"}
     nowhere = np.full(view.telemetry.sizes["time"], np.nan)
     others = replace(view, telemetry=view.telemetry.assign(dict.fromkeys(unrelated, ("time", nowhere))))
     nothing, helps = _tried(others, [], progress)
-    known = {(own.kind, own.about) for own in likely}
-    better = [own for own in ranked(helps, nothing) if own.kind in NOT_IMITATED]
-    return [own for own in better if (own.kind, own.about) not in known]
+    known = {(suspicion.kind, suspicion.about) for suspicion in likely}
+    better = [suspicion for suspicion in ranked(helps, nothing) if suspicion.kind in NOT_IMITATED]
+    return [suspicion for suspicion in better if (suspicion.kind, suspicion.about) not in known]
 
 
 def _beside_runs(ensemble: Ensemble, found: list[Suspicion]) -> Suspects:

@@ -75,13 +75,16 @@ class Suspects:
     @property
     def lines(self) -> tuple[str, ...]:
         """What was found, as lines, and what was not looked for."""
-        alike = sum(own.nats is not None for own in self.found)
+        alike = sum(suspicion.nats is not None for suspicion in self.found)
 
-        def mark(own: Suspicion) -> str:
-            one_of = f", one of {alike}" if alike > 1 and own.nats is not None else ""
-            return "" if own.kind == UNEXPLAINED else f"likely wrong{one_of}: "
+        def mark(suspicion: Suspicion) -> str:
+            one_of = f", one of {alike}" if alike > 1 and suspicion.nats is not None else ""
+            return "" if suspicion.kind == UNEXPLAINED else f"likely wrong{one_of}: "
 
-        found = tuple(f"{mark(own)}{own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
+        found = tuple(
+            f"{mark(suspicion)}{suspicion.title}. {suspicion.sentence} Next: {suspicion.advice}."
+            for suspicion in self.found
+        )
         return (*found, f"not looked for: {self.left_out}; {self.why_not}") if self.why_not else found
 
     @property
@@ -102,24 +105,24 @@ def ranked(
     """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, or explains much that no
     simple model asks for; and nothing is far off."""
 
-    def is_near(fit: Fit, own: Suspicion) -> bool:
-        beside = fit.is_usual and own.kind in NOT_IMITATED
+    def is_near(fit: Fit, suspicion: Suspicion) -> bool:
+        beside = fit.is_usual and suspicion.kind in NOT_IMITATED
         return fit.farthest < (max(far, _FAR_BESIDE) if beside else far)
 
-    near = [(fit, own, own.nats or 0.0) for fit, own in best if is_near(fit, own)]
+    near = [(fit, suspicion, suspicion.nats or 0.0) for fit, suspicion in best if is_near(fit, suspicion)]
     enough = max(_MUCH, _MOST * nothing.lacking)
 
-    def explains(fit: Fit, own: Suspicion, nats: float) -> bool:
-        much = fit.lacking < left * nothing.lacking or (own.kind in NOT_IMITATED and nats > enough)
+    def explains(fit: Fit, suspicion: Suspicion, nats: float) -> bool:
+        much = fit.lacking < left * nothing.lacking or (suspicion.kind in NOT_IMITATED and nats > enough)
         no_more = fit.lacking <= nothing.lacking + _NO_MORE
         return (fit.is_usual and no_more) or (much and fit.misfit < bad)
 
-    least = min((nats for fit, own, nats in near if explains(fit, own, nats)), default=np.inf)
+    least = min((nats for fit, suspicion, nats in near if explains(fit, suspicion, nats)), default=np.inf)
     # What explains still more, odds counted, is no less likely for leaving more.
     named = [
-        (fit, own, nats)
-        for fit, own, nats in near
-        if explains(fit, own, nats) or (own.kind in NOT_IMITATED and nats >= least)
+        (fit, suspicion, nats)
+        for fit, suspicion, nats in near
+        if explains(fit, suspicion, nats) or (suspicion.kind in NOT_IMITATED and nats >= least)
     ]
     if not named:
         return []
@@ -129,9 +132,15 @@ def ranked(
         # What leaves nothing unusual stands before what leaves much, and may explain somewhat less. Without a channel
         # that belongs nowhere there is always less that is unusual.
         nearly = (1.0 - _WHOLE) * most
-        whole = [own for fit, own, nats in named if fit.is_usual and nats > nearly and own.kind != "unrelated"]
-    alike = [own for _, own, nats in named if most - nats < max(CLEAR, _NEAR * most) and own not in whole]
-    return sorted([*whole, *alike][:_SHOWN], key=lambda own: own.kind in _LAST)
+        whole = [
+            suspicion
+            for fit, suspicion, nats in named
+            if fit.is_usual and nats > nearly and suspicion.kind != "unrelated"
+        ]
+    alike = [
+        suspicion for _, suspicion, nats in named if most - nats < max(CLEAR, _NEAR * most) and suspicion not in whole
+    ]
+    return sorted([*whole, *alike][:_SHOWN], key=lambda suspicion: suspicion.kind in _LAST)
 
 
 def unexplained(

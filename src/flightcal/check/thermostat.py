@@ -37,7 +37,7 @@ def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatA
     told well enough by its sensor alone: it turns between two samples, and before these read a threshold.
     """
     heater, unknown = scenario.network.switches[name], np.full(telemetry.sizes["time"], 0.5)
-    channel = next((own for own, item in scenario.observations.items() if item.node == heater.sensor), None)
+    channel = next((name for name, item in scenario.observations.items() if item.node == heater.sensor), None)
     if channel is None or channel not in telemetry:
         return unknown
     observation, read = scenario.observations[channel], telemetry[channel].to_numpy()
@@ -96,7 +96,11 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
 def exchanged(window: Window) -> Iterator[tuple[str, Words]]:
     """Pairs of heaters that each switch at the other one's thresholds, as both are called, with words."""
     for one, other in combinations(known_thermostats(window), 2):
-        off = {(own[0], of[0]): _off(window, own, of[0]) for own in (one, other) for of in (one, other)}
+        off = {
+            (thermostat[0], of[0]): _off(window, thermostat, of[0])
+            for thermostat in (one, other)
+            for of in (one, other)
+        }
         (a, _, at_a), (b, _, at_b) = one, other
         apart = np.min([off[a, a], off[b, b]])  # NaN where one is
         if not (apart >= _APART and np.max([off[a, b], off[b, a]]) <= _MENDED * apart):
@@ -117,12 +121,12 @@ def _readings(window: Window, channel: str) -> FloatArray:
     return np.asarray(window.observed[:, window.simulator.channels.index(channel)] - bias)
 
 
-def _off(window: Window, own: tuple[str, int, str], of: str) -> float:
+def _off(window: Window, thermostat: tuple[str, int, str], of: str) -> float:
     """K by which a thermostat's sensor is off the thresholds of the heater `of` in the mean of its switches.
 
     own: see `known_thermostats`. NaN: there are too few switches.
     """
-    _, place, channel = own
+    _, place, channel = thermostat
     heater, read = window.scenario.network.switches[of], _readings(window, channel)
     off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
     return abs(float(off.mean())) if len(off) >= _SWITCHES // 2 else np.nan

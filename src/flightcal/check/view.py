@@ -146,7 +146,7 @@ class View(Comparison):
     @cached_property
     def units(self) -> dict[str, str]:
         """SI units of the scenario's numbers by their paths; empty for what has no dimension."""
-        return {path: own.unit for path, own in settable(self.window.scenario).items()}
+        return {path: number.unit for path, number in settable(self.window.scenario).items()}
 
     def _quantile(self, probability: float) -> FloatArray:
         theta = self.problem.priors.quantile(probability)
@@ -210,7 +210,7 @@ class View(Comparison):
             parts[group.part in ("switches", "changes")].append(group.size * response)
         heaters = window.scenario.network.heaters
         parts[True] += [self.unknown_heat(window, z, name, heaters[name].node) for name in self.unknown]
-        parts[True] += [self._heat_in_gaps(window, z, k, own) for own, k in self.switch_of.items()]
+        parts[True] += [self._heat_in_gaps(window, z, k, name) for name, k in self.switch_of.items()]
         heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))
         return Point(z, simulated, temperatures, flat, heat, jitter)
 
@@ -223,7 +223,7 @@ class View(Comparison):
     def inferred(self) -> tuple[str, ...]:
         """Heaters without a measured status."""
         model = self.window.scenario.network
-        silent = [name for name, own in model.switches.items() if (own.measured_by or "").startswith(INFERRED)]
+        silent = [name for name, heater in model.switches.items() if (heater.measured_by or "").startswith(INFERRED)]
         return tuple(other for name in silent for other in model.on_switch(name))
 
     def _doubt(self, window: Window, heater: str) -> FloatArray:
@@ -260,14 +260,14 @@ class View(Comparison):
 
     def _heat_in_gaps(self, window: Window, z: FloatArray, switch: int, heater: str) -> FloatArray:
         """[R, k] K of a heater's heat where its status has gaps, each in short pieces. Raises SimulationFailure."""
-        own, drive = self.window.scenario.network.heaters[heater], self.network.drive
+        block, drive = self.window.scenario.network.heaters[heater], self.network.drive
         unknown = np.isnan(drive.measured[:, switch]).astype(int)
         gaps = drive.times[np.flatnonzero(np.diff(unknown, prepend=0, append=0))].reshape(-1, 2)
-        if own.node not in self.heat.nodes or not len(gaps):
+        if block.node not in self.heat.nodes or not len(gaps):
             return np.empty((self.begun.shape[0], 0))
         edges = [np.linspace(first, last, int(np.ceil((last - first) / _PIECE)) + 1) for first, last in gaps]
-        series = np.concatenate([pieces(window, own) for own in edges])
-        return _IN_GAPS * own.power * self.response(window, z, own.node, series)
+        series = np.concatenate([pieces(window, edge) for edge in edges])
+        return _IN_GAPS * block.power * self.response(window, z, block.node, series)
 
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""

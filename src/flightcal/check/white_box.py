@@ -94,7 +94,7 @@ def compared(
             return None
         return fit, best, nats
 
-    found = [own for own in in_parallel(named, len(chosen)) if own is not None]
+    found = [fit for fit in in_parallel(named, len(chosen)) if fit is not None]
     once: dict[tuple[str, str], tuple[Fit, Wrong, float]] = {}
     for item in sorted(found, key=lambda item: -item[2]):
         once.setdefault((item[1].kind, item[1].about), item)
@@ -185,9 +185,11 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[s
     likely = _unlike(sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]))
     enough = _OTHER_KINDS * (likely[0][0] - likely[0][1].odds) if likely else 0.0
     for gain, wrong in likely:
-        alike = [own for own in found if own.kind == wrong.kind]
-        like_it = [own for own in alike if _sized(own) == _sized(wrong)]
-        looked_at = sum(own.about == wrong.about for own in like_it) >= (1 if _sized(wrong) else _OF_A_SUBJECT)
+        alike = [candidate for candidate in found if candidate.kind == wrong.kind]
+        like_it = [candidate for candidate in alike if _sized(candidate) == _sized(wrong)]
+        looked_at = sum(candidate.about == wrong.about for candidate in like_it) >= (
+            1 if _sized(wrong) else _OF_A_SUBJECT
+        )
         wanted = len(like_it) < _OF_A_KIND if len(found) < _FINALISTS else not alike and gain - wrong.odds > enough
         if gain > _PROMISING and wanted and not looked_at:
             found.append(wrong)
@@ -271,19 +273,19 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
 def _gain_alone(view: View, memory: Memory, columns: FloatArray | None, look: _Look) -> float:
     """Nats by which one channel is more probable if it reads as the memory says, whatever the others read."""
     t, place = len(view.rows.kept), memory.channel
-    own, point, observed = slice(place * t, (place + 1) * t), look.around.point, view.observed[:, place]
+    fit_rows, point, observed = slice(place * t, (place + 1) * t), look.around.point, view.observed[:, place]
     rows, simulated = replace(view.rows, noise=view.rows.noise[[place]]), point.simulated[:, place]
 
     def evidence(read: FloatArray, at_rows: FloatArray, more: FloatArray | None = None) -> float:
         """read: [t] K; at_rows: [t, t] of what moves it at the rows; more: [t, k] further columns."""
-        effects, heat, jitter = (at_rows @ moving[own] for moving in (point.effects, point.heat, point.jitter))
+        effects, heat, jitter = (at_rows @ moving[fit_rows] for moving in (point.effects, point.heat, point.jitter))
         alone = replace(point, effects=effects, heat=heat, jitter=jitter)
         around = gaussian(rows, alone, np.isfinite(observed), _FIRST_SIZES, _BLURRED)
-        return around.evidence(observed - read - at_rows @ look.back[own], more)
+        return around.evidence(observed - read - at_rows @ look.back[fit_rows], more)
 
     nearest = np.abs(view.seconds[:, None] - view.rows.seconds).argmin(axis=1)
     otherwise = evidence(
-        memory.weights @ simulated, memory.weights @ np.eye(t)[nearest], None if columns is None else columns[own]
+        memory.weights @ simulated, memory.weights @ np.eye(t)[nearest], None if columns is None else columns[fit_rows]
     )
     return otherwise - evidence(simulated[view.rows.kept], np.eye(t))
 
@@ -298,11 +300,15 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
             break
         point = _reading(view, wrong).point(wrong.window or view.window, fit.z, base)
         look = _look(view, point, np.isfinite(view.as_read))
-        near = [(gain - own.odds, own) for own in wrong.closer() if (gain := _gain_or_none(view, own, look)) > -np.inf]
+        near = [
+            (gain - closer.odds, closer)
+            for closer in wrong.closer()
+            if (gain := _gain_or_none(view, closer, look)) > -np.inf
+        ]
         likely: dict[str, Wrong] = {}
-        for _, own in sorted(near, key=lambda item: -item[0]):
-            likely.setdefault(own.about, own)
-        tried = [(_climbed(view, own, base), own) for own in list(likely.values())[:_SUBJECTS]]
+        for _, near_wrong in sorted(near, key=lambda item: -item[0]):
+            likely.setdefault(near_wrong.about, near_wrong)
+        tried = [(_climbed(view, subject, base), subject) for subject in list(likely.values())[:_SUBJECTS]]
         again, best = max(tried, key=lambda item: item[0].evidence - item[1].odds, default=(fit, wrong))
         if again.evidence - best.odds <= fit.evidence - wrong.odds:
             break

@@ -114,7 +114,7 @@ def check(
         sensitivity=indices,
         smoothness=smooth,
         profiles=tuple(profiled),
-        starts={own.label: own.start for own in problem.windows},
+        starts={window.label: window.start for window in problem.windows},
         budget=_budget(problem, effort),
     )
 

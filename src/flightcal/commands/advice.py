@@ -92,14 +92,14 @@ def _of_channels(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
     from ..telemetry import sampled_every
 
     times, half = data["time"].values, np.timedelta64(round(5e8 * data.attrs.get("average_s", 0.0)), "ns")
-    for channel, own in scenario.telemetry.channels.items():
-        every = sampled_every(data, channel) if own.kind == "driver" and own.fill == "hold" else None
+    for channel, block in scenario.telemetry.channels.items():
+        every = sampled_every(data, channel) if block.kind == "driver" and block.fill == "hold" else None
         if every is not None and every > _SHORT:
             yield (
                 f"telemetry.channels.{channel}: its samples come every {every:.3g} s, so with 'fill: hold' a change is "
                 f"up to {every:.3g} s late; leave 'fill' out, unless a sample is sent at the moment of each change"
             )
-        for span in own.leave_out:
+        for span in block.leave_out:
             start, end = np.datetime64(span.start) - half, np.datetime64(span.end) + half
             if not ((times >= start) & (times <= end)).any():
                 yield (
@@ -121,7 +121,9 @@ def _of_faces(scenario: Scenario) -> Iterator[str]:
         if not isinstance(face.normal, SunTracking):
             continue
         sides = {
-            own.normal.back for own in faces.values() if own.node == face.node and isinstance(own.normal, SunTracking)
+            each_face.normal.back
+            for each_face in faces.values()
+            if each_face.node == face.node and isinstance(each_face.normal, SunTracking)
         }
         if len(sides) == 1:
             other = "false" if face.normal.back else "true"
@@ -147,7 +149,7 @@ def _of_priors(scenario: Scenario) -> Iterator[str]:
     from ..probability import Priors
     from ..scenario import written_values
 
-    priors = Priors(tuple(scenario.parameters), tuple(own.prior for own in scenario.parameters.values()))
+    priors = Priors(tuple(scenario.parameters), tuple(parameter.prior for parameter in scenario.parameters.values()))
     lowest, highest = (priors.quantile(share) for share in (_RARE, 1.0 - _RARE))
     for (name, value), low, high in zip(written_values(scenario).items(), lowest, highest, strict=True):
         beyond = max(low - value, value - high) > _ALIKE * (high - low)
@@ -213,12 +215,12 @@ def _of_plans(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
     model, attitude = scenario.simulator, scenario.environment.attitude
     timelines: dict[str, list[tuple[datetime, str]]] = {}
     if isinstance(model, SimulatorModel):
-        timelines["simulator.timeline"] = [(own.at, f"mode '{own.mode}'") for own in model.timeline]
+        timelines["simulator.timeline"] = [(change.at, f"mode '{change.mode}'") for change in model.timeline]
     if isinstance(attitude, AttitudeTimeline):
         timelines["environment.attitude.timeline"] = [
-            (own.at, f"attitude '{own.attitude}'") for own in attitude.timeline
+            (change.at, f"attitude '{change.attitude}'") for change in attitude.timeline
         ]
-    plans = {name: own for name, own in scenario.windows.items() if own.planned}
+    plans = {name: window for name, window in scenario.windows.items() if window.planned}
     for (window, plan), (place, changes) in product(plans.items(), timelines.items()):
         if len(changes) < 2:
             continue
@@ -239,8 +241,8 @@ def _of_drivers_before(scenario: Scenario, data: xarray.Dataset) -> Iterator[str
 
     from ..telemetry import driver_gaps
 
-    drivers = {name: own for name, own in scenario.telemetry.channels.items() if own.kind == "driver"}
-    gaps = {name: driver_gaps(data, name, own.bridge)[0] for name, own in drivers.items()}
+    drivers = {name: channel for name, channel in scenario.telemetry.channels.items() if channel.kind == "driver"}
+    gaps = {name: driver_gaps(data, name, channel.bridge)[0] for name, channel in drivers.items()}
     for window, plan in scenario.windows.items():
         start = np.datetime64(plan.start, "ns")
         for name, spans in gaps.items() if plan.planned else ():
@@ -262,7 +264,7 @@ def _of_limits(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
         if channel.limits is None or name not in data or not data[name].notnull().any():
             continue
         low, high = (
-            own if own is not None else other for own, other in zip(channel.limits, (0.0, np.inf), strict=True)
+            limit if limit is not None else other for limit, other in zip(channel.limits, (0.0, np.inf), strict=True)
         )
         read = data[name].values[np.isfinite(data[name].values)]
         if np.mean((read < low) | (read > high)) > _MUCH:
@@ -288,8 +290,8 @@ def _of_age(scenario: Scenario, trained: Sequence[Window]) -> Iterator[str]:
     if not trained or any(parameter.moves for parameter in scenario.parameters.values()):
         return
     last = max(window.span[1] for window in trained)
-    for name, own in scenario.windows.items():
-        days = (np.datetime64(own.start) - last) / np.timedelta64(1, "D")
+    for name, window in scenario.windows.items():
+        days = (np.datetime64(window.start) - last) / np.timedelta64(1, "D")
         if days > AGES:
             yield (
                 f"windows.{name}: it begins {days:.0f} days after what is trained on, and in no interval is how the "

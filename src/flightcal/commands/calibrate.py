@@ -55,9 +55,9 @@ class Summary:
     def _repr_html_(self) -> str:
         from ..calibration import html_table
 
-        told = (f"{own.question} {own.worst.mark}: {own.worst.title}" for own in self.verdict.answers)
+        told = (f"{answer.question} {answer.worst.mark}: {answer.worst.title}" for answer in self.verdict.answers)
         answers = (f"<li>{escape(line)}</li>" for line in told)
-        shown = [own for own in self.parameters if own.kind in ("parameter", "drift")]
+        shown = [quantity for quantity in self.parameters if quantity.kind in ("parameter", "drift")]
         return f"<p><b>{escape(self.verdict.use)}</b></p><ul>{''.join(answers)}</ul>{html_table(shown)}"
 
     @property

@@ -88,8 +88,8 @@ def run_scenario_campaign(
     seed = scenario.calibration.seed if seed is None else seed
     design = make_design(problem, runs, seed, kind=kind, around=around, spread=spread)
     progress.say(f"design: {design.kind}, {runs} runs of {len(subject.parameters)} parameters, seed {seed}")
-    (own,) = problem.windows
-    run, together = run_function(own.simulator, len(own.times))
+    (only_window,) = problem.windows
+    run, together = run_function(only_window.simulator, len(only_window.times))
     connect = partial(_runner, workers, scheduler)
     try:
         tally = run_campaign(

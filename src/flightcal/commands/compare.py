@@ -142,8 +142,8 @@ def compare_models(
         for model in models:
             progress.say(model)
             file = folder / f"{model}.yaml"
-            own = variant(scenario, model)
-            write_text(file, resolved_yaml(own, absolute=True))
+            changed = variant(scenario, model)
+            write_text(file, resolved_yaml(changed, absolute=True))
             first = next(iter(summaries.values()), None)
             searched = None if first is None else first.run
             summaries[model] = run_experiment(file, folder / model, searched=searched, progress=progress)
@@ -161,20 +161,23 @@ def compare_models(
         predictions = scored_by_all(
             {
                 model: {
-                    window: own
-                    for window, own in _predictions(summary.run / PREDICTION_FILE).items()
+                    window: dataset
+                    for window, dataset in _predictions(summary.run / PREDICTION_FILE).items()
                     if not is_trained(window)
                 }
                 for model, summary in summaries.items()
             }
         )
         metrics = {
-            model: [metric for window, own in of_model.items() for metric in score(own, window)]
+            model: [metric for window, dataset in of_model.items() for metric in score(dataset, window)]
             for model, of_model in predictions.items()
         }
-        useless = [model for model, own in summaries.items() if own.verdict.exit_code == MODEL_FAILED]
+        useless = [model for model, summary in summaries.items() if summary.verdict.exit_code == MODEL_FAILED]
         content = comparison_of(scenario.name, metrics, passed, useless, backtests, predictions)
-        content |= {"left_out": others, "failed_gates": {model: _failed(own) for model, own in summaries.items()}}
+        content |= {
+            "left_out": others,
+            "failed_gates": {model: _failed(summary) for model, summary in summaries.items()},
+        }
         content["interval"] = scenario.calibration.prediction.interval
         write_json(folder / _RESULT, plain(content))
         write_comparison(folder)
@@ -190,7 +193,7 @@ def _predictions(file: Path) -> dict[str, xarray.Dataset]:
 
 def _failed(summary: Summary) -> list[str]:
     """The gates that the sampling of a model failed, with what was found."""
-    return [f"{own['name']} {own['found']}" for own in summary.diagnostics.get("gates", ()) if not own["passed"]]
+    return [f"{gate['name']} {gate['found']}" for gate in summary.diagnostics.get("gates", ()) if not gate["passed"]]
 
 
 def _expected(scenario: Scenario, models: Sequence[str], *, leave_windows_out: bool, backtest: bool) -> str:
@@ -205,11 +208,11 @@ def _expected(scenario: Scenario, models: Sequence[str], *, leave_windows_out: b
     each = 1 + sum(map(is_trained, scenario.windows)) * leave_windows_out + ORIGINS * backtest
     count = each * len(models)
     words = f"{len(models)} models: {count} calibrations" if each > 1 else f"{count} models, each a whole calibration"
-    own = variant(scenario, models[0])
-    problem = build_problem(own, read(own))
+    changed = variant(scenario, models[0])
+    problem = build_problem(changed, read(changed))
     if needs_emulator(problem):
         return f"{words}, each with an emulator of its own"
-    return f"{words}; sampling takes {about(count * rough_seconds(problem, own.calibration.nuts))} in all"
+    return f"{words}; sampling takes {about(count * rough_seconds(problem, changed.calibration.nuts))} in all"
 
 
 def _left_out(file: Path, summary: Summary, progress: Progress) -> dict[str, Any]:
@@ -221,8 +224,8 @@ def _left_out(file: Path, summary: Summary, progress: Progress) -> dict[str, Any
 
     with hold(summary.run) as folder:
         if not folder.keeps(_LEFT_OUT):
-            own = load_scenario(file)
-            scores = leave_windows_out(own, read(own), progress=progress)
+            loaded = load_scenario(file)
+            scores = leave_windows_out(loaded, read(loaded), progress=progress)
             folder.write_json(_LEFT_OUT, plain(scores))
         found: dict[str, Any] = read_json(folder.file(_LEFT_OUT))
     return found

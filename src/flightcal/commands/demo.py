@@ -38,13 +38,13 @@ def demo(out: Annotated[Path, typer.Option(help="Folder for the run.")] = Path("
 
     with display() as progress:
         runs = run_demo(out, progress=progress)
-    own, others = runs["flightcal"], {name: run for name, run in runs.items() if name != "flightcal"}
+    summary, others = runs["flightcal"], {name: run for name, run in runs.items() if name != "flightcal"}
     if others:
-        print_beside(own, others)
-    print_summary(own)
+        print_beside(summary, others)
+    print_summary(summary)
     if len(others) < len(BESIDE_OURS) or any(run.interrupted for run in runs.values()):
         raise typer.Exit(INTERRUPTED)
-    raise typer.Exit(own.verdict.exit_code)
+    raise typer.Exit(summary.verdict.exit_code)
 
 
 def run_demo(out: Path, folder: Path = DEMO, *, progress: Progress = SILENT) -> dict[str, Summary]:
@@ -54,14 +54,14 @@ def run_demo(out: Path, folder: Path = DEMO, *, progress: Progress = SILENT) -> 
     which is written again after each of them.
     """
     runs = {"flightcal": run_experiment(folder / "scenario.yaml", out, progress=progress)}
-    own, channels = runs["flightcal"], _channels_by_column(folder / "scenario.yaml")
+    summary, channels = runs["flightcal"], _channels_by_column(folder / "scenario.yaml")
     for name, (file, words, shares_search) in BESIDE_OURS.items():
         if any(run.interrupted for run in runs.values()):
             break
         progress.say(words)
-        searched = own.run if shares_search else None
+        searched = summary.run if shares_search else None
         runs[name] = run_experiment(folder / file, out / name, searched=searched, progress=progress)
-        _put_beside(own.run, runs, channels)
+        _put_beside(summary.run, runs, channels)
     return runs
 
 
@@ -73,7 +73,7 @@ def _channels_by_column(scenario_file: Path) -> dict[str, str]:
     return {column: name for name, channel in channels.items() for column in channel.column}
 
 
-def _put_beside(own: Path, runs: dict[str, Summary], channels: dict[str, str]) -> None:
+def _put_beside(path: Path, runs: dict[str, Summary], channels: dict[str, str]) -> None:
     """Keep the scores of the other runs in the first one's folder, and write its page again."""
     from ..report import write_report
     from ..run import hold
@@ -87,6 +87,6 @@ def _put_beside(own: Path, runs: dict[str, Summary], channels: dict[str, str]) -
         for metric in runs[name].metrics
         if metric.method in ("genetic", "stochastic") and metric.metric in _BESIDE_SCORES
     ]
-    with hold(own) as folder:
+    with hold(path) as folder:
         folder.write_json(BESIDE, records)
-        write_report(own)
+        write_report(path)

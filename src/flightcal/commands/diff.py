@@ -65,7 +65,7 @@ def in_deviations(one: Calibrated, two: Calibrated) -> float:
     A variance is that of a normal distribution whose 95% interval reaches as far towards the other one: a posterior may
     have a long tail on its other side.
     """
-    low, high = sorted((one, two), key=lambda own: own.median)
+    low, high = sorted((one, two), key=lambda quantity: quantity.median)
     deviation = math.hypot(high.median - high.lower, low.upper - low.median) / _TO_95
     return (two.median - one.median) / deviation if deviation > 0.0 else math.nan
 
@@ -90,17 +90,17 @@ def changed_files(one: Mapping[str, str], two: Mapping[str, str]) -> list[str]:
     return list(dict.fromkeys(Path(path).name for path, content in found if content in only))
 
 
-def in_terms_of(one: Kept, two: Kept, own: Calibrated) -> Calibrated:
+def in_terms_of(one: Kept, two: Kept, quantity: Calibrated) -> Calibrated:
     """A quantity of the second run as one of the first: a factor is one of the first run's numbers."""
     from ..scenario import number_in
 
-    parameter = (two.scenario.get("parameters") or {}).get(own.name, {})
+    parameter = (two.scenario.get("parameters") or {}).get(quantity.name, {})
     if parameter.get("sets") or not parameter.get("scales"):
-        return own
+        return quantity
     base, other = (number_in(run.text, parameter["scales"][0]) for run in (one, two))
     if not base or not other:
-        return own
-    return own.rescaled(lambda value: value * other / base, other / base, own.unit)
+        return quantity
+    return quantity.rescaled(lambda value: value * other / base, other / base, quantity.unit)
 
 
 def in_unit_of(one: Calibrated, two: Calibrated) -> Calibrated:
@@ -110,8 +110,8 @@ def in_unit_of(one: Calibrated, two: Calibrated) -> Calibrated:
     if one.unit == two.unit:
         return two
     si = si_unit(one.unit)
-    own, other = written_unit(one.unit, si), written_unit(two.unit, si)
-    return two.rescaled(lambda value: own.of(other.si(value)), other.factor / own.factor, one.unit)
+    first_unit, other = written_unit(one.unit, si), written_unit(two.unit, si)
+    return two.rescaled(lambda value: first_unit.of(other.si(value)), other.factor / first_unit.factor, one.unit)
 
 
 def _check_comparable(one: Kept, two: Kept) -> None:
@@ -121,7 +121,7 @@ def _check_comparable(one: Kept, two: Kept) -> None:
         names = [list(run.scenario.get(block) or ()) for run in (one, two)]
         if any(names) and not set(names[0]) & set(names[1]):
             places = zip(names, (one, two), strict=True)
-            found = " and ".join(f"{', '.join(own[:3]) or 'none'} in {run.folder}" for own, run in places)
+            found = " and ".join(f"{', '.join(place[:3]) or 'none'} in {run.folder}" for place, run in places)
             raise RunError(f"found no {what} in common ({found}), expected two runs of one satellite")
 
 
@@ -143,8 +143,8 @@ def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> Non
     if changed := changed_files(one.provenance.get("inputs", {}), two.provenance.get("inputs", {})):
         found.append((f"content of {', '.join(changed)}", "", ""))
     console.print(f"\nScenarios: {f'{len(found)} differences' if found else 'the same'}", highlight=False)
-    for place, own, other in found if every else found[:_FEW]:
-        say(console, f"  {place}: {_short(own)} -> {_short(other)}" if (own, other) != ("", "") else f"  {place}")
+    for place, before, other in found if every else found[:_FEW]:
+        say(console, f"  {place}: {_short(before)} -> {_short(other)}" if (before, other) != ("", "") else f"  {place}")
     if not every and len(found) > _FEW:
         console.print(f"  and {len(found) - _FEW} more with --all", highlight=False)
 
@@ -157,13 +157,15 @@ def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> No
 
     title = "Parameters, mean [95%], and B - A in deviations"
     table = table_of(title, ("name, unit",), ("A", "B", "B - A"), overflow="fold")
-    left, right = ({own.name: own for own in chosen(run.parameters, every)} for run in (one, two))
+    left, right = ({quantity.name: quantity for quantity in chosen(run.parameters, every)} for run in (one, two))
     for name in dict.fromkeys([*left, *right]):
         a, b = left.get(name), right.get(name)
         unit = (a or right[name]).unit
         named = f"{name}, {unit}" if unit else name
         b = in_unit_of(a, in_terms_of(one, two, b)) if a is not None and b is not None else b
-        cells = ["-" if own is None else interval(own.mean, own.lower, own.upper) for own in (a, b)]
+        cells = [
+            "-" if quantity is None else interval(quantity.mean, quantity.lower, quantity.upper) for quantity in (a, b)
+        ]
         off = in_deviations(a, b) if a is not None and b is not None else math.nan
         mark = "" if not abs(off) >= _SEVERAL else "yellow"
         table.add_row(
@@ -184,7 +186,7 @@ def _print_scores(one: Kept, two: Kept, console: Console) -> None:
         for run in (one, two)
     )
     for place in dict.fromkeys([*left, *right]):
-        pair = [own.get(place) for own in (left, right)]
+        pair = [scores.get(place) for scores in (left, right)]
         if place[1] in _SCORES:
             unit = next(m.unit for m in pair if m is not None)
             cells = ["-" if m is None or m.value is None else f"{m.value:.4g}" for m in pair]
@@ -214,10 +216,10 @@ def _named(conductors: list[Any]) -> dict[str, Any]:
     """Conductors by their labels; the second of a label has its number behind it."""
     found: dict[str, Any] = {}
     seen: Counter[str] = Counter()
-    for own in conductors:
-        label = str(own.get("name") or "-".join(map(str, own.get("between", ()))))
+    for conductor in conductors:
+        label = str(conductor.get("name") or "-".join(map(str, conductor.get("between", ()))))
         seen[label] += 1
-        found[label if seen[label] == 1 else f"{label} {seen[label]}"] = own
+        found[label if seen[label] == 1 else f"{label} {seen[label]}"] = conductor
     return found
 
 

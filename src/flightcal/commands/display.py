@@ -143,9 +143,9 @@ def print_verdict(verdict: Mapping[str, Any], run: Path, console: Console) -> No
 
 def print_limits(told: Sequence[Extreme], console: Console) -> None:
     """Of plans: the chances that limits are passed, where they may be; of the others how many there are."""
-    may_be = [own for own in told if own.state != "good"]
-    for own in may_be[:_MOST_LIMITS]:
-        say(console, str(own), _COLOURS[own.state])
+    may_be = [extreme for extreme in told if extreme.state != "good"]
+    for extreme in may_be[:_MOST_LIMITS]:
+        say(console, str(extreme), _COLOURS[extreme.state])
     if more := may_be[_MOST_LIMITS:]:
         say(console, f"and {len(more)} more, with a chance of {more[0].chance_in_words} or less: see the page")
     if hardly := len(told) - len(may_be):
@@ -184,16 +184,16 @@ def _print_channels(metrics: Sequence[Metric], console: Console) -> None:
         say(console, f"{listed(left)}: there is no telemetry to score; predicted in the report and in prediction.nc")
 
 
-def print_beside(own: Summary, others: Mapping[str, Summary], console: Console | None = None) -> None:
+def print_beside(summary: Summary, others: Mapping[str, Summary], console: Console | None = None) -> None:
     """Scores over all channels: the genetic algorithm, the published model, flightcal's default, and other models."""
     console = console or Console()
-    runs = {"flightcal": own, **others}
+    runs = {"flightcal": summary, **others}
     order = ("published", *(name for name in runs if name != "published"))
-    columns = [("genetic", own, "genetic"), *((name, runs[name], "stochastic") for name in order if name in runs)]
+    columns = [("genetic", summary, "genetic"), *((name, runs[name], "stochastic") for name in order if name in runs)]
     title = "Beside other models, over all channels"
     table = table_of(title, ("window", "metric"), [name for name, _, _ in columns])
     found = [(method, by_place(of.metrics)) for _, of, method in columns]
-    windows = list(dict.fromkeys(m.window for m in own.metrics if m.method == "stochastic"))
+    windows = list(dict.fromkeys(m.window for m in summary.metrics if m.method == "stochastic"))
     for window in windows:
         for metric in ("rmse", "crps", "picp", "mpiw"):
             table.add_row(window, metric, *(_score(of.get((method, window, "all", metric))) for method, of in found))
@@ -211,9 +211,9 @@ def _print_checked(summary: Summary, console: Console) -> None:
     """How far a reduced model is off the full simulator at posterior draws."""
     if summary.checked is None or not summary.checked["flights"]:
         return
-    records = sorted(summary.checked["records"], key=lambda own: float(own["quantile_95"]))
-    sensors = [f"{own['quantile_95']:.2f} K ({own['channel']})" for own in records if own["unit"] == "K"]
-    duty = [100.0 * float(own["worst"]) for own in records if own["unit"] != "K"]
+    records = sorted(summary.checked["records"], key=lambda row: float(row["quantile_95"]))
+    sensors = [f"{record['quantile_95']:.2f} K ({record['channel']})" for record in records if record["unit"] == "K"]
+    duty = [100.0 * float(record["worst"]) for record in records if record["unit"] != "K"]
     words = (
         f"full simulator, {summary.checked['flights']} flights at the posterior's mean and draws: in 95% the reduced "
     )
@@ -239,7 +239,7 @@ def _score(metric: Metric | None) -> str:
 
 def unseen_in_words(found: Sequence[Unseen]) -> str:
     """What of a window was not trained on; "" where it is little of its time."""
-    shares = {own.name: own.share for own in found}
+    shares = {unseen.name: unseen.share for unseen in found}
     if shares.get(ANY, 0.0) <= _WORTH_SAYING:
         return ""
     named = [f"{name} ({share:.0%})" for name, share in shares.items() if name != ANY]
@@ -262,8 +262,8 @@ def print_in_short(folder: Path, kind: str, page: Path, console: Console | None 
 
     console = console or Console()
     tables, findings = in_short(folder, kind)
-    for own in tables:
-        console.print(_on_terminal(own, console.width))
+    for table in tables:
+        console.print(_on_terminal(table, console.width))
     _print_findings(findings, console)
     say(console, f"\npage: {page}")
 
@@ -272,7 +272,7 @@ def _on_terminal(table: PageTable, width: int) -> Table:
     """A table of a page, each cell in one line: as many of its columns as fit, for the page has all."""
     rows = [[cell.partition("\n")[0] for cell in row] for row in table.rows]
     widths = [max(map(len, (*head.split(), *(row[k] for row in rows)))) for k, head in enumerate(table.header)]
-    fit = sum(so_far - _BETWEEN <= width for so_far in accumulate(own + _BETWEEN for own in widths))
+    fit = sum(so_far - _BETWEEN <= width for so_far in accumulate(column_width + _BETWEEN for column_width in widths))
     shown = table_of("", table.header[:fit], ())
     for k, column in enumerate(shown.columns):
         column.justify = "right" if k in table.numbers else "left"

@@ -109,13 +109,13 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
     notes, turned = [], _quaternions(data, channels)
     for some in turned:
         where = ", ".join(file.name for file in names[some[0].packet].files)
-        columns = ", ".join(f"'{own.column}'" for own in some)
+        columns = ", ".join(f"'{member.column}'" for member in some)
         notes.append(f"{where}: {columns} are quaternions; not written: 'environment: attitude' takes them")
-    channels = [own for own in channels if not any(own in some for some in turned)]
-    names = {name: packet for name, packet in names.items() if any(own.packet == name for own in channels)}
+    channels = [member for member in channels if not any(member in some for some in turned)]
+    names = {name: packet for name, packet in names.items() if any(member.packet == name for member in channels)}
     for name, packet in names.items():
-        own = [channel for channel in channels if channel.packet == name]
-        kinds = [channel.kind for channel in own]
+        members = [channel for channel in channels if channel.packet == name]
+        kinds = [channel.kind for channel in members]
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         written = "clock, whose epoch is a PLACEHOLDER"
         if packet.time is not None:
@@ -125,7 +125,7 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
         clock = ", ".join(f"'{name}'" for name in packet.clock)
         notes.append(f"{title}: times in {clock} ({written}); channels: {counts}")
-        bare = [f"'{channel.column}'" for channel in own if channel.kind == "driver" and channel.unit == "1"]
+        bare = [f"'{channel.column}'" for channel in members if channel.kind == "driver" and channel.unit == "1"]
         if bare:
             notes.append(f"{title}: {', '.join(bare)}: {_NO_UNIT}")
         if packet.left_out:
@@ -185,10 +185,10 @@ def _quaternions(data: xarray.Dataset, channels: Sequence[_Channel]) -> list[lis
     """Four measured inputs of a packet, one beside another, whose squares add up to one."""
     found: list[list[_Channel]] = []
     for some in zip(channels, channels[1:], channels[2:], channels[3:], strict=False):
-        alike = {(own.packet, own.kind) for own in some} == {(some[0].packet, "driver")}
-        if not alike or any(own in four for own in some for four in found):
+        alike = {(channel.packet, channel.kind) for channel in some} == {(some[0].packet, "driver")}
+        if not alike or any(channel in four for channel in some for four in found):
             continue
-        squares = np.sum([data[own.name].to_numpy() ** 2 for own in some], axis=0)
+        squares = np.sum([data[channel.name].to_numpy() ** 2 for channel in some], axis=0)
         known = squares[np.isfinite(squares)]
         if len(known) and np.mean(np.abs(known - 1.0) < _UNIT_LENGTH) > _NEARLY_ALL:
             found.append(list(some))
@@ -209,10 +209,10 @@ def _begun(activities: FoundModes, packets: Sequence[FoundPacket]) -> FoundModes
 def _timeline(modes: FoundModes) -> str:
     """The text of a timeline file."""
     changes = modes.changes
-    times = np.datetime_as_string(np.array([1e3 * own.at for own in changes]).astype("datetime64[ms]"))
+    times = np.datetime_as_string(np.array([1e3 * change.at for change in changes]).astype("datetime64[ms]"))
     rows = [["at", "mode", "within"]]
-    for at, own in zip(times.tolist(), changes, strict=True):
-        rows.append([at, _slug(own.name), f"{own.within:.6g} s" if own.within else ""])
+    for at, change in zip(times.tolist(), changes, strict=True):
+        rows.append([at, _slug(change.name), f"{change.within:.6g} s" if change.within else ""])
     return "".join(",".join(row[: 3 if modes.sampled else 2]) + "\n" for row in rows)
 
 
@@ -252,14 +252,16 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
     if not single:
         lines.append("  packets:                          # each has columns, sampling and a clock of its own")
     for name, packet in names.items():
-        file = _texts([str(own.absolute()) if folder is None else os.path.relpath(own, folder) for own in packet.files])
+        file = _texts(
+            [str(path.absolute()) if folder is None else os.path.relpath(path, folder) for path in packet.files]
+        )
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
         header = f"header: {packet.header}" if packet.header else ""
         time = _time(packet, names)
         readings = ""
         if packet.readings is not None:
-            own = packet.readings
-            readings = f"readings: {{name: {_texts(own.name)}, value: {_text(own.value)}}}"
+            found_readings = packet.readings
+            readings = f"readings: {{name: {_texts(found_readings.name)}, value: {_text(found_readings.value)}}}"
         valid = ", ".join(f"{_text(column)}: {_text(word)}" for column, word in packet.valid_where.items())
         valid_where = f"valid_where: {{{valid}}}" if valid else ""
         comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0, counts a second"

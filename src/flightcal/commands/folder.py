@@ -74,7 +74,9 @@ def open_for(
         _cut_after(content, last)
         read = {str(scenario.folder / name) for name in scenario.telemetry.files}
         parts["the telemetry of the windows to train on"] = _hash_of_windows(scenario, trained)
-        parts[f"the other {INPUT_FILES}"] = hash_of(sorted(own for name, own in inputs.items() if name not in read))
+        parts[f"the other {INPUT_FILES}"] = hash_of(
+            sorted(digest for name, digest in inputs.items() if name not in read)
+        )
     parts[_SCENARIO] = hash_of(content)
     text = resolved_yaml(scenario, absolute=True)
     try:
@@ -129,7 +131,7 @@ def _cut_after(content: dict[str, Any], end: np.datetime64) -> None:
     """Leave out what a scenario says of later times: changes of mode and attitude, and which samples are used."""
     for block in (content["simulator"], content["environment"].get("attitude")):
         if isinstance(block, dict) and isinstance(block.get("timeline"), list):
-            block["timeline"] = [own for own in block["timeline"] if np.datetime64(own["at"], "ns") <= end]
+            block["timeline"] = [change for change in block["timeline"] if np.datetime64(change["at"], "ns") <= end]
             block.pop("timeline_file", None)
     # What was read tells what they do in the windows to train on.
     for channel in content["telemetry"]["channels"].values():
@@ -178,7 +180,7 @@ def keep_what_was_read(run: Run, data: xarray.Dataset, problem: Problem) -> None
 
 def key_of_telemetry(run: Run, scenario: Scenario) -> str:
     """Hash of what follows from all telemetry, and from what the scenario says of all times."""
-    content = {name: own for name, own in _bound(scenario).items() if name != "windows"}
+    content = {name: value for name, value in _bound(scenario).items() if name != "windows"}
     files = sorted(hash_of_file(Path(name)) for name in input_files(scenario))
     return hash_of(run.folder.identity, content, files)
 

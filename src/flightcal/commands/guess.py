@@ -96,7 +96,7 @@ def _obeyed(dataset: xarray.Dataset, status: str, nodes: Sequence[str]) -> bool:
 def _node_of(heater: str, nodes: Sequence[str]) -> str | None:
     """The node whose name is most like the heater's, first in the words that few nodes have; None: no word is."""
     words = {node: set(node.split("_")) for node in nodes}
-    often = {word for own in words.values() for word in own if sum(word in other for other in words.values()) > 1}
+    often = {word for label in words.values() for word in label if sum(word in other for other in words.values()) > 1}
     telling = set(heater.split("_")) - often - {"heater", "htr"}
 
     def likeness(node: str) -> tuple[int, float]:
@@ -146,13 +146,14 @@ def windows(dataset: xarray.Dataset, packets: Mapping[str, str], period: float |
     times = dataset["time"].values
     valid = {name: times[np.isfinite(dataset[name].values)] for name in packets}
     apart = min(
-        (float(np.median(np.diff(own)) / np.timedelta64(1, "s")) for own in valid.values() if len(own) > 1), default=0.0
+        (float(np.median(np.diff(flags)) / np.timedelta64(1, "s")) for flags in valid.values() if len(flags) > 1),
+        default=0.0,
     )
     longest = max(_LONGEST, np.timedelta64(round(max(_ORBITS * (period or 0.0), _ENOUGH * apart)), "s"))
-    stretches = {name: _stretches(own) for name, own in valid.items()}
+    stretches = {name: _stretches(flags) for name, flags in valid.items()}
     common: list[_Stretch] | None = None
-    for own in stretches.values():
-        common = own if common is None else _overlaps(common, own)
+    for stretch in stretches.values():
+        common = stretch if common is None else _overlaps(common, stretch)
     if not common:
         raise TelemetryError(
             f"found files whose times do not overlap ({_spans(stretches, packets)}), expected some time that all of "
@@ -161,13 +162,13 @@ def windows(dataset: xarray.Dataset, packets: Mapping[str, str], period: float |
     start, end = max(common, key=lambda one: min(one[1] - one[0], longest))  # the first of equals
     if end - start < _SHORT and 2 * (end - start) < np.sum([b - a for a, b in common]):
         start = common[0][0]
-        end = max(own for _, own in common if own <= start + _LONGEST_OF_PASSES)
+        end = max(begin for _, begin in common if begin <= start + _LONGEST_OF_PASSES)
         half = start + (end - start) // 2
-        middle = min((own for own, _ in common if half < own < end), default=half)
+        middle = min((begin for begin, _ in common if half < begin < end), default=half)
     else:
         end = min(end, start + longest)
         middle = start + (end - start) // 2
-    first, half_way, last = (np.datetime_as_string(own.astype("datetime64[ms]")) for own in (start, middle, end))
+    first, half_way, last = (np.datetime_as_string(time.astype("datetime64[ms]")) for time in (start, middle, end))
     return str(first), str(half_way), str(last)
 
 
@@ -175,7 +176,7 @@ def _spans(stretches: Mapping[str, list[_Stretch]], packets: Mapping[str, str]) 
     """From when to when each packet has samples, in words."""
     words = []
     for packet in dict.fromkeys(packets.values()):
-        of_packet = [one for name, own in stretches.items() if packets[name] == packet for one in own]
+        of_packet = [one for name, stretch in stretches.items() if packets[name] == packet for one in stretch]
         if of_packet:
             ends = min(one[0] for one in of_packet), max(one[1] for one in of_packet)
             first, last = (str(np.datetime_as_string(end, unit="m")) for end in ends)
@@ -204,10 +205,10 @@ def period(dataset: xarray.Dataset, nodes: Sequence[str]) -> float | None:
         known = known[:: max(1, len(known) // _SAMPLES)]
         if len(known) < _FEWEST:
             continue
-        at, own = seconds[known], dataset[name].values[known]
-        own = own - np.polyval(np.polyfit(at - at.mean(), own, 1), at - at.mean())
-        if own.std() > 0.0:
-            shares.append(lombscargle(at, own, 2.0 * np.pi * rates, normalize=True))
+        at, values = seconds[known], dataset[name].values[known]
+        values = values - np.polyval(np.polyfit(at - at.mean(), values, 1), at - at.mean())
+        if values.std() > 0.0:
+            shares.append(lombscargle(at, values, 2.0 * np.pi * rates, normalize=True))
     if not shares or not len(rates):
         return None
     share = np.median(shares, axis=0)
@@ -254,5 +255,5 @@ def _at_switches(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> 
     seconds = (times - times[0]) / np.timedelta64(1, "s")
     then = np.interp(seconds[known], seconds[read], kelvins[read] - ICE_POINT)[1:]
     at = [then[turns == sign] for sign in (1, -1)]
-    on, off = (float(np.median(own)) for own in at)
-    return on, off, sum(float(np.ptp(np.quantile(own, (0.25, 0.75)))) for own in at)
+    on, off = (float(np.median(time)) for time in at)
+    return on, off, sum(float(np.ptp(np.quantile(time, (0.25, 0.75)))) for time in at)

@@ -97,7 +97,7 @@ def read_kept(folder: Path) -> Kept:
 
 def chosen(parameters: Sequence[Calibrated], every: bool) -> list[Calibrated]:
     """What a table has: the scenario's parameters, or every quantity."""
-    return [own for own in parameters if every or own.kind in ("parameter", "drift")]
+    return [quantity for quantity in parameters if every or quantity.kind in ("parameter", "drift")]
 
 
 def parameter_table(parameters: Sequence[Calibrated], console: Console) -> Table:
@@ -114,20 +114,22 @@ def parameter_table(parameters: Sequence[Calibrated], console: Console) -> Table
 def _parameter_table(parameters: Sequence[Calibrated], beside: bool) -> Table:
     from ..words import interval
 
-    is_known = any(own.considered is not None for own in parameters)
+    is_known = any(quantity.considered is not None for quantity in parameters)
     where = "" if beside else " below it"
     of_fixed = f", and{where} the interval if fixed numbers are off" if is_known else ""
     title = f"Parameters: median before; mean [95%] after{of_fixed}; share from data"
     columns = ("before", "after", *(["fixed off"] if is_known and beside else []), "data")
     table = table_of(title, ("name, unit",), columns, overflow="fold")
-    for own in parameters:
-        cells = [f"{own.name}, {own.unit}" if own.unit else own.name]
-        cells.append(interval(own.before, own.before_lower, own.before_upper).partition(" ")[0])
-        cells.append(interval(own.mean, own.lower, own.upper))
+    for quantity in parameters:
+        cells = [f"{quantity.name}, {quantity.unit}" if quantity.unit else quantity.name]
+        cells.append(interval(quantity.before, quantity.before_lower, quantity.before_upper).partition(" ")[0])
+        cells.append(interval(quantity.mean, quantity.lower, quantity.upper))
         if is_known:
-            fixed = "–" if own.considered is None else interval(own.mean, *own.considered).partition(" ")[2]
+            fixed = (
+                "–" if quantity.considered is None else interval(quantity.mean, *quantity.considered).partition(" ")[2]
+            )
             cells[2:] = [cells[2], fixed] if beside else [f"{cells[2]}\n{fixed}"]
-        table.add_row(*map(escape, (*cells, f"{own.from_data:.1%}")))
+        table.add_row(*map(escape, (*cells, f"{quantity.from_data:.1%}")))
     return table
 
 

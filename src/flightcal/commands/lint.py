@@ -63,20 +63,21 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
         typer.echo(f"window {window}: {len(built.times)} samples of {count} channels{valid}{steps}")
     told: dict[str, list[str]] = {}
     gaps = sorted(bridged(loaded, data), key=lambda record: (record.channel, -record.samples))
-    of_channels = [list(own) for _, own in groupby(gaps, key=lambda record: record.channel)]
-    for record in (*quality_table(data), *(gap for own in of_channels for gap in own[:_MOST_GAPS])):
+    of_channels = [list(records) for _, records in groupby(gaps, key=lambda record: record.channel)]
+    for record in (*quality_table(data), *(gap for of_channel in of_channels for gap in of_channel[:_MOST_GAPS])):
         text = f"{record.finding}, {record.samples} samples; {record.detail}"
         told.setdefault(text, []).append(record.channel or "file")
     for text, channels in told.items():
         # Channels of a packet have the same gaps.
         typer.echo(f"telemetry {', '.join(channels)}: {text}")
-    for own in of_channels:
-        if len(own) > _MOST_GAPS:
+    for of_channel in of_channels:
+        if len(of_channel) > _MOST_GAPS:
             typer.echo(
-                f"telemetry {own[0].channel}: {len(own) - _MOST_GAPS} more gaps, shorter than these, are bridged"
+                f"telemetry {of_channel[0].channel}: {len(of_channel) - _MOST_GAPS} more gaps, shorter than these, "
+                "are bridged"
             )
     trained = [windows[name] for name in loaded.train_windows]
-    unseen = [own for name, own in windows.items() if name not in loaded.train_windows]
+    unseen = [window for name, window in windows.items() if name not in loaded.train_windows]
     told_of = (*advice(loaded, data, trained), *of_steps(unseen), *_guesses(scenario.read_text(encoding="utf-8")))
     for line in told_of:
         typer.echo(f"advice: {line}")

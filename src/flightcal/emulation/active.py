@@ -162,7 +162,7 @@ def learn(
     """
     windows = problem.windows
     inputs = sum(len(window.simulator.parameters) for window in windows)
-    shortest = min(len(own) for own in runs)  # of all windows but where an interrupted call saved only some
+    shortest = min(len(training) for training in runs)  # of all windows but where an interrupted call saved only some
     campaign = RealRuns(problem, evaluate, save, taken(runs, slice(0, shortest)), settings.runs, progress)
     count = max(0, min(settings.runs, settings.start or 10 * inputs)) // len(windows)
     usual = max(len(windows), settings.batch or 4 * inputs)
@@ -177,7 +177,7 @@ def learn(
     found: list[Belief] = []
     while True:
         started, rng = perf_counter(), np.random.default_rng([seed, len(rounds), 1])
-        asked = sum(len(own) for own in runs)
+        asked = sum(len(training) for training in runs)
         batch = min(usual, settings.runs - asked) // len(windows)
         fits = _fit(problem, runs, belief, beginning if batch > 0 else None)
         emulated = replace(problem, windows=tuple(fit.window for fit in fits), open_loop=None)
@@ -211,7 +211,8 @@ def learn(
         )
         rounds.append(
             Round(
-                number=len(rounds), runs=asked, failed=sum(int((~own.finished).sum()) for own in runs), samples=samples,
+                number=len(rounds), runs=asked, samples=samples,
+                failed=sum(int((~training.finished).sum()) for training in runs),
                 fitted=sum(len(fit.fitted) for fit in fits),
                 shapes=sum(fit.emulator.coefficients.shape[1] for fit in fits), error_share=share, expected_shift=shift,
                 mean_shift=moved, monte_carlo=monte_carlo, validation=validation, verdict=verdict,
@@ -221,19 +222,22 @@ def learn(
         left = 0 if reached or kept is not None else _batches(settings.runs - asked, usual)
         progress.say(f"{rounds[-1]}{_time_left(left, perf_counter() - started)}")
         if reached or batch <= 0:
-            texts = {title(problem, window): failure_summary(own) for window, own in zip(windows, runs, strict=True)}
+            texts = {
+                title(problem, window): failure_summary(training)
+                for window, training in zip(windows, runs, strict=True)
+            }
             failures = "; ".join(f"{start}{text}" for start, text in texts.items() if text)
             return Learnt(emulated, fits, runs, tuple(rounds), reached, problem.to_theta(belief.mean), failures)
         number = len(rounds)
         runs = campaign.complete(runs, problem.to_theta(most_telling(emulated, belief.z, batch, rng)), number)
-        new = [own.take((own.round == number) & own.finished) for own in runs]
-        validation = _validation(problem, fits, new) if all(len(own) for own in new) else None
+        new = [training.take((training.round == number) & training.finished) for training in runs]
+        validation = _validation(problem, fits, new) if all(len(training) for training in new) else None
 
 
 def _kept(beliefs: Sequence[Belief], number: int, runs: int, samples: int) -> Belief | None:
     """What an earlier call sampled in a round, from the same runs and samples."""
-    own = beliefs[number] if number < len(beliefs) else None
-    return own if own is not None and (own.runs, own.samples) == (runs, samples) else None
+    belief = beliefs[number] if number < len(beliefs) else None
+    return belief if belief is not None and (belief.runs, belief.samples) == (runs, samples) else None
 
 
 def _batches(runs: int, batch: int) -> int:
@@ -250,12 +254,12 @@ def _fit(
 ) -> tuple[Fit, ...]:
     """Emulators of the runs near the posterior, of all runs where there is none yet."""
     fits = []
-    for window, own, found in zip(problem.windows, problem.links, runs, strict=True):
+    for window, link, found in zip(problem.windows, problem.links, runs, strict=True):
         # One scale of z for all rounds, though a prior may be centred on a sample that the beginning has not.
         scale, theta, draws = simulated_priors(window), None, None
         if belief is not None:
             theta = problem.at(window, problem.to_theta(np.median(belief.z, axis=0)))
-            draws = own.coordinates(belief.z, problem.to_theta(belief.z))[:, window.simulated]
+            draws = link.coordinates(belief.z, problem.to_theta(belief.z))[:, window.simulated]
         noise = noise_level(window, theta)
         chosen, nearest = _near(scale.to_z(found.theta), found.finished, draws)
         near, tolerance = found.take(chosen), shape_tolerance(noise, len(window.times))
@@ -273,8 +277,8 @@ def _validation(problem: Problem, fits: Sequence[Fit], runs: Sequence[TrainingRu
     """Of emulators, on finished runs of each window that they were not fitted to."""
     return together(
         {
-            title(problem, fit.window): validate(fit.emulator, own.during(slice(0, len(fit.window.times))))
-            for fit, own in zip(fits, runs, strict=True)
+            title(problem, fit.window): validate(fit.emulator, training.during(slice(0, len(fit.window.times))))
+            for fit, training in zip(fits, runs, strict=True)
         }
     )
 
@@ -336,7 +340,7 @@ def _posterior(
     if draws.interrupted:
         raise KeyboardInterrupt
     samples = sum(len(window.times) for window in problem.windows)
-    asked = sum(len(own) for own in runs)
+    asked = sum(len(training) for training in runs)
     return Belief(asked, draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z), samples)
 
 
@@ -345,8 +349,8 @@ def _best_runs(problem: Problem, runs: Runs) -> FloatArray:
     finished = taken(runs, on_all_windows(runs))
     thetas = thetas_of(problem, finished)
     squares, samples = np.zeros((len(thetas), len(problem.channels))), np.zeros(len(problem.channels))
-    for window, own in zip(problem.windows, finished, strict=True):
-        temperatures = own.temperatures[:, : len(window.times)]
+    for window, training in zip(problem.windows, finished, strict=True):
+        temperatures = training.temperatures[:, : len(window.times)]
         residuals = np.where(window.valid, window.observed - temperatures, 0.0)
         squares += np.einsum("stn,stn->sn", residuals, residuals)
         samples += window.valid.sum(axis=0)

@@ -37,7 +37,7 @@ def title(problem: Problem, window: Window) -> str:
 
 def taken(runs: Runs, chosen: Any) -> Runs:
     """Each window's runs at these positions."""
-    return tuple(own.take(chosen) for own in runs)
+    return tuple(training.take(chosen) for training in runs)
 
 
 def start_thetas(problem: Problem, count: int, seed: int) -> FloatArray:
@@ -69,19 +69,19 @@ class RealRuns:
 
     def complete(self, runs: Runs, thetas: FloatArray, number: int) -> Runs:
         """`runs` and those of round `number` at thetas [S, d], of which only what is missing is run."""
-        there = tuple(own.take(own.round == number) for own in self.stored)
-        later = tuple(own.take(own.round > number) for own in self.stored)
+        there = tuple(training.take(training.round == number) for training in self.stored)
+        later = tuple(training.take(training.round > number) for training in self.stored)
         windows = self.problem.windows
         designs = [self.problem.at(window, thetas)[:, window.simulated] for window in windows]
-        known, design = np.concatenate([own.theta for own in there], axis=1), np.concatenate(designs, axis=1)
+        known, design = np.concatenate([training.theta for training in there], axis=1), np.concatenate(designs, axis=1)
         is_there = [bool(np.isclose(known, theta, rtol=1e-9, atol=0.0).all(axis=1).any()) for theta in design]
         missing = np.flatnonzero(~np.array(is_there, bool))[: max(0, len(design) - len(known))]
         with self.progress.stage("runs", self.most) as running:
             for first in range(0, len(missing), _SAVED_TOGETHER):
                 few, started = missing[first : first + _SAVED_TOGETHER], perf_counter()
                 there = tuple(
-                    own.add(self.evaluate(window, design[few]), number)
-                    for own, window, design in zip(there, windows, designs, strict=True)
+                    training.add(self.evaluate(window, design[few]), number)
+                    for training, window, design in zip(there, windows, designs, strict=True)
                 )
                 if first == number == 0:
                     self._foretell(perf_counter() - started, len(few) * len(windows))
@@ -100,24 +100,24 @@ class RealRuns:
 
 
 def _joined(runs: Runs, others: Runs) -> Runs:
-    return tuple(own.join(other) for own, other in zip(runs, others, strict=True))
+    return tuple(training.join(other) for training, other in zip(runs, others, strict=True))
 
 
 def on_all_windows(runs: Runs) -> NDArray[np.bool_]:
     """[S] where the runs of all windows finished."""
-    return np.all([own.finished for own in runs], axis=0)
+    return np.all([training.finished for training in runs], axis=0)
 
 
 def check_start(problem: Problem, runs: Runs) -> None:
     """Raises FlightcalError where too few runs of the start design finish."""
-    for window, own in zip(problem.windows, runs, strict=True):
-        least = 2 * (len(own.parameters) + 1)
-        if own.finished.sum() < least:
-            last = "" if own.finished.all() else f"; the last message: {own.message[~own.finished][-1]}"
+    for window, training in zip(problem.windows, runs, strict=True):
+        least = 2 * (len(training.parameters) + 1)
+        if training.finished.sum() < least:
+            last = "" if training.finished.all() else f"; the last message: {training.message[~training.finished][-1]}"
             raise FlightcalError(
-                f"emulator: {title(problem, window)}found {int(own.finished.sum())} finished runs in the start design, "
-                f"expected at least {least}: "
-                f"{failure_summary(own) or 'allow more runs (calibration.emulator.runs)'}{last}"
+                f"emulator: {title(problem, window)}found {int(training.finished.sum())} finished runs in the start "
+                f"design, expected at least {least}: "
+                f"{failure_summary(training) or 'allow more runs (calibration.emulator.runs)'}{last}"
             )
     if not on_all_windows(runs).any():
         raise FlightcalError("emulator: found no run of the start design that finished on all windows, expected one")
@@ -126,7 +126,7 @@ def check_start(problem: Problem, runs: Runs) -> None:
 def start_runs(problem: Problem, runs: Runs) -> tuple[FloatArray, list[tuple[Trajectory, ...] | None]]:
     """Thetas [S, d] of the start design, and what ran there: of each window; None where one failed."""
     started = taken(runs, np.flatnonzero(runs[0].round == 0))
-    of_windows = [own.trajectories() for own in started]
+    of_windows = [training.trajectories() for training in started]
     finished = on_all_windows(started)
     every = zip(finished, zip(*of_windows, strict=True), strict=True)
     return thetas_of(problem, started), [run if whole else None for whole, run in every]
@@ -135,8 +135,8 @@ def start_runs(problem: Problem, runs: Runs) -> tuple[FloatArray, list[tuple[Tra
 def thetas_of(problem: Problem, runs: Runs) -> FloatArray:
     """Thetas [S, d] of runs; what simulations do not depend on is at its prior's median, and so are drifts' sizes."""
     thetas = np.tile(problem.priors.median(), (len(runs[0]), 1))
-    for window, own, found in zip(problem.windows, problem.links, runs, strict=True):
-        thetas[:, own.columns[window.simulated]] = found.theta
+    for window, link, found in zip(problem.windows, problem.links, runs, strict=True):
+        thetas[:, link.columns[window.simulated]] = found.theta
     drifting = problem.links[0].columns[problem.links[0].moving]
     if len(drifting):
         priors, names = problem.links[0].priors, runs[0].parameters
@@ -144,7 +144,7 @@ def thetas_of(problem: Problem, runs: Runs) -> FloatArray:
         values = [priors.to_z(found.theta[:, places]) for found in runs]
         common = np.mean(values, axis=0)
         thetas[:, drifting] = priors.to_theta(common)
-        for own, inside in zip(problem.links, values, strict=True):
+        for link, inside in zip(problem.links, values, strict=True):
             # A simulator that is emulated has no trends, so each parameter has one term.
-            thetas[:, own.moves.score] = (inside - common) / thetas[:, own.moves.factor]
+            thetas[:, link.moves.score] = (inside - common) / thetas[:, link.moves.factor]
     return thetas

@@ -32,7 +32,9 @@ def needs_emulator(problem: Problem) -> bool:
     """Whether a window's simulator is an external one without derivatives. Raises FlightcalError where it fails."""
     simulators = [window.simulator for window in problem.windows]
     try:
-        return any(isinstance(own, ExternalSimulator) and not own.program.has_gradient for own in simulators)
+        return any(
+            isinstance(simulator, ExternalSimulator) and not simulator.program.has_gradient for simulator in simulators
+        )
     except RunFailure as failure:
         raise FlightcalError(f"simulator: {failure.outcome}: {failure.message}") from None
 
@@ -57,9 +59,9 @@ def in_place(problem: Problem, windows: list[Window]) -> Problem:
 def through_the_priors(problem: Problem, runs: Runs) -> Problem:
     """The problem with coarse emulators of all finished runs, good for a search, not for an interval."""
     windows = []
-    for window, own in zip(problem.windows, runs, strict=True):
+    for window, training in zip(problem.windows, runs, strict=True):
         tolerance = _GLOBAL_TOLERANCE * noise_level(window)
-        emulator = fit_emulator(own.take(own.finished), simulated_priors(window), tolerance)
+        emulator = fit_emulator(training.take(training.finished), simulated_priors(window), tolerance)
         windows.append(with_emulator(window, emulator))
     return in_place(problem, windows)
 
@@ -77,8 +79,8 @@ def around_draws(
         count = _RUNS_PER_INPUT * len(scale.names)
         design = start_design(scale, count, seed)
         chosen = np.random.default_rng(seed).choice(len(thetas), count, replace=len(thetas) < count)
-        own = np.array([name.startswith("initial.") for name in scale.names])
-        design[:, ~own] = thetas[chosen][:, window.simulated][:, ~own]
+        is_initial = np.array([name.startswith("initial.") for name in scale.names])
+        design[:, ~is_initial] = thetas[chosen][:, window.simulated][:, ~is_initial]
         runs = empty_runs(window).add(run_many(window, design), 0)
     finished = runs.take(runs.finished)
     if len(finished) < 2 * (len(scale.names) + 1):
@@ -109,12 +111,12 @@ def check_on_the_simulator(
     design = mean_and_some(thetas, CHECKED - 1, seed)
     runs, validations, found = [], {}, []
     for window, stand_in in zip(problem.windows, with_emulators.windows, strict=True):
-        own = empty_runs(window).add(run_many(window, problem.at(window, design)[:, window.simulated]), 0)
-        finished, start = own.take(own.finished), title(problem, window)
+        training = empty_runs(window).add(run_many(window, problem.at(window, design)[:, window.simulated]), 0)
+        finished, start = training.take(training.finished), title(problem, window)
         validations[start] = validate(emulated(stand_in).emulator, finished)
         found += [replace(item, heater=f"{start}{item.heater}") for item in steps(window, finished)]
-        runs.append(own)
+        runs.append(training)
     # The mean is no draw.
     drawn = on_all_windows(tuple(runs)) & (np.arange(len(design)) > 0)
-    error = density_error(problem, with_emulators, design[drawn], [own.take(drawn) for own in runs])
+    error = density_error(problem, with_emulators, design[drawn], [training.take(drawn) for training in runs])
     return SimulatorCheck(together(validations), error, tuple(found)), tuple(runs)

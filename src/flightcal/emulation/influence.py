@@ -54,11 +54,11 @@ def most_telling(problem: Problem, draws: FloatArray, count: int, rng: np.random
     drawn = draws[rng.choice(len(draws), min(_CANDIDATES, len(draws)), replace=False)]
     thetas = problem.to_theta(drawn)
     covariances, nuggets, weights = [], [], []
-    for window, own, weight in zip(
+    for window, link, weight in zip(
         problem.windows, problem.links, importance(problem, draws.mean(axis=0)), strict=True
     ):
         emulator = emulated(window).emulator
-        z = own.coordinates(drawn, thetas)[:, window.simulated]
+        z = link.coordinates(drawn, thetas)[:, window.simulated]
         covariances.append(emulator.processes.covariance(emulator.inputs(z)))
         nuggets.append(emulator.processes.nugget * emulator.processes.scale)
         weights.append(weight[: len(nuggets[-1])])
@@ -80,10 +80,10 @@ def importance(problem: Problem, z: FloatArray) -> list[FloatArray]:
     theta = problem.to_theta(z)
     hessian, samples = np.diag(problem.priors.precision(z)), sum(window.valid.sum() for window in problem.windows)
     bases, pulled = [], []
-    for window, own in zip(problem.windows, problem.jacobians(z), strict=True):
+    for window, slopes in zip(problem.windows, problem.jacobians(z), strict=True):
         noise = window.noise(problem.at(window, theta))[:, None]
         basis = np.where(window.valid[..., None], emulated(window).emulator.error_basis / noise, 0.0)
-        jacobian = np.where(window.valid[..., None], own / noise, 0.0)
+        jacobian = np.where(window.valid[..., None], slopes / noise, 0.0)
         hessian = np.einsum("tnd,tne->de", jacobian, jacobian) + hessian
         bases.append(basis)
         pulled.append(np.einsum("tnd,tnr->dr", jacobian, basis))

@@ -37,7 +37,7 @@ def density_error(problem: Problem, emulated: Problem, thetas: FloatArray, runs:
     """
     if len(thetas) < 2:
         return float("nan")
-    made = zip(*(own.trajectories() for own in runs), strict=True)
+    made = zip(*(training.trajectories() for training in runs), strict=True)
     points = zip(problem.to_z(thetas), made, strict=True)
     return float(np.std([problem.log_density(z, run) - emulated.log_density(z) for z, run in points], ddof=1))
 
@@ -75,9 +75,9 @@ def _switched(status: NDArray[np.bool_], on: bool) -> NDArray[np.intp]:
     return 1 + np.flatnonzero((status[1:] == on) & (status[:-1] != on))
 
 
-def _without_counterpart(own: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
-    if not len(own) or not len(other):
-        return own
-    apart = np.abs(own[:, None] - other)
-    mutual = apart.argmin(axis=0)[apart.argmin(axis=1)] == np.arange(len(own))
-    return own[~mutual]
+def _without_counterpart(switches: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
+    if not len(switches) or not len(other):
+        return switches
+    apart = np.abs(switches[:, None] - other)
+    mutual = apart.argmin(axis=0)[apart.argmin(axis=1)] == np.arange(len(switches))
+    return switches[~mutual]

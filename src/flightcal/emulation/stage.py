@@ -105,10 +105,10 @@ def _read_learnt(run: Run, problem: Problem, telemetry: xarray.Dataset) -> Emula
     files = _names(RUNS_FILE, problem)
     runs = _runs_so_far(run, files, problem)
     windows = []
-    for window, own, positions, tolerance in zip(
+    for window, training, positions, tolerance in zip(
         problem.windows, runs, content["fitted"], content["tolerance"], strict=True
     ):
-        fitted = own.take(np.array(positions))
+        fitted = training.take(np.array(positions))
         emulator = fit_emulator(fitted, simulated_priors(window), np.array(tolerance))
         windows.append(with_emulator(window, emulator))
     return Emulation(
@@ -149,7 +149,7 @@ def check_emulator(
     """
     check, runs = check_on_the_simulator(problem, emulation.problem, draws, problem.scenario.calibration.seed)
     _write(run, _names("check_runs.nc", problem), runs)
-    failed = sum(int((~own.finished).sum()) for own in runs)
+    failed = sum(int((~training.finished).sum()) for training in runs)
     found = {"failed": failed, "density_error": check.density_error, "steps": check.steps}
     run.folder.write_json(CHECK_FILE, plain(check.validation) | plain(found))
     for judged in (_rule(problem, emulation), _held_out(check.validation), _density(check), *_in_step(check)):
@@ -238,21 +238,21 @@ def _names(name: str, problem: Problem) -> list[str]:
 
 
 def _write(run: Run, files: list[str], runs: Runs) -> None:
-    for file, own in zip(files, runs, strict=True):
-        run.folder.write_netcdf(file, own.dataset())
+    for file, training in zip(files, runs, strict=True):
+        run.folder.write_netcdf(file, training.dataset())
 
 
 def _runs_so_far(run: Run, files: list[str], problem: Problem) -> Runs:
     empty, folder = [empty_runs(window) for window in problem.windows], run.folder
     pairs = zip(files, empty, strict=True)
-    return tuple(read_runs(folder.file(file), own) if folder.keeps(file) else own for file, own in pairs)
+    return tuple(read_runs(folder.file(file), training) if folder.keeps(file) else training for file, training in pairs)
 
 
 def _beliefs_so_far(run: Run) -> list[Belief]:
     if not run.folder.keeps(_ROUNDS_FILE):
         return []
     kept = read_json(run.folder.file(_ROUNDS_FILE))
-    return [Belief(**{**own, "z": np.array(own["z"])}) for own in kept]
+    return [Belief(**{**belief, "z": np.array(belief["z"])}) for belief in kept]
 
 
 def _content(learnt: Learnt) -> dict[str, Any]:

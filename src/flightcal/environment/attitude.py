@@ -84,8 +84,8 @@ def _axes(z: Floats, towards_y: Floats) -> Floats:
 
 def _aligned(attitude: AlignedAttitude, at: Geometry) -> Floats:
     """The turn of two axes of the body to two directions: the first exactly, the second in their plane."""
-    body = _frame(*(np.array(own.axis)[None] for own in (attitude.aligned, attitude.constrained)))
-    inertial = _frame(*(_towards(own.towards, at) for own in (attitude.aligned, attitude.constrained)))
+    body = _frame(*(np.array(pointing.axis)[None] for pointing in (attitude.aligned, attitude.constrained)))
+    inertial = _frame(*(_towards(pointing.towards, at) for pointing in (attitude.aligned, attitude.constrained)))
     matrices: Floats = inertial @ body.transpose(0, 2, 1)
     return matrices
 
@@ -139,7 +139,7 @@ def _each(kinds: Sequence[Attitude], which: NDArray[np.intp], at: Geometry, fold
     """[T, 3, 3]: the attitude at each time, of `kinds` by number `which` [T]; one that comes again is asked once."""
     matrices = np.empty((len(at.times), 3, 3))
     for kind in dict.fromkeys(kinds):
-        here = np.flatnonzero(np.array([own == kind for own in kinds])[which])
+        here = np.flatnonzero(np.array([pointing == kind for pointing in kinds])[which])
         if len(here):
             matrices[here] = body_to_inertial(kind, at.some(here), folder)
     return matrices

@@ -109,7 +109,7 @@ def zeros(functions: Callable[[Floats], Floats], coarse: Floats) -> Floats:
         grid, value = _near_misses_refined(coarse, values[:, k], functions, k)
         crossing = np.flatnonzero((value[:-1] > 0) != (value[1:] > 0))
         brackets.append((grid[crossing], grid[crossing + 1], np.full(len(crossing), k)))
-    low, high, which = (np.concatenate(own) for own in zip(*brackets, strict=True))
+    low, high, which = (np.concatenate(values) for values in zip(*brackets, strict=True))
     if not len(low):
         return low
 

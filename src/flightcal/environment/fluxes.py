@@ -88,7 +88,9 @@ def _oriented(environment: Environment, normals: Sequence[Vector | SunTracking],
     attitude = environment.attitude
     tracking = np.array([isinstance(normal, SunTracking) for normal in normals])
     # Of a face that tracks the Sun, its axis.
-    ways = np.array([unit(own.tracks_sun_about if isinstance(own, SunTracking) else own) for own in normals])
+    ways = np.array(
+        [unit(normal.tracks_sun_about if isinstance(normal, SunTracking) else normal) for normal in normals]
+    )
     if spins_fast(attitude):
         if tracking.any():
             message = "found a face that tracks the Sun, expected none: the body spins so fast that only means count"
@@ -97,7 +99,7 @@ def _oriented(environment: Environment, normals: Sequence[Vector | SunTracking],
     # Body axes are the matrices' columns: row vector times transpose turns every normal at once.
     turned = ways @ np.swapaxes(body_to_inertial(attitude, at, folder), 1, 2)
     if tracking.any():
-        sides = [-1.0 if own.back else 1.0 for own in normals if isinstance(own, SunTracking)]
+        sides = [-1.0 if normal.back else 1.0 for normal in normals if isinstance(normal, SunTracking)]
         turned[:, tracking] = np.array(sides)[:, None] * _facing(turned[:, tracking], unit(at.to_sun))
     return Flat(turned)
 

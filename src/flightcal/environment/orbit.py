@@ -257,12 +257,12 @@ def _tle(orbit: TleOrbit) -> Propagator:
             )
         position, velocity = np.empty((2, len(times), 3))
         for k, satellite in enumerate(satellites):
-            own = nearest == k
-            errors, position[own], velocity[own] = satellite.sgp4_array(np.full(own.sum(), whole), days[own])
+            rows = nearest == k
+            errors, position[rows], velocity[rows] = satellite.sgp4_array(np.full(rows.sum(), whole), days[rows])
             if errors.any():
                 first = np.flatnonzero(errors)[0]
                 message = SGP4_ERRORS[int(errors[first])]
-                raise OrbitError(f"environment.orbit.tle: SGP4 at {times[own][first]}: {message}")
+                raise OrbitError(f"environment.orbit.tle: SGP4 at {times[rows][first]}: {message}")
         if not np.isfinite(position).all():
             raise OrbitError(f"environment.orbit.tle: found elements that SGP4 cannot read: {orbit.tle!r}")
         return position * 1e3, velocity * 1e3

@@ -20,7 +20,7 @@ OBLIQUITY = 0.4090926
 _APART = np.timedelta64(6, "h")
 _OFFSETS = np.arange(-2, 4)
 """Of the knots around a time, from the last one before it."""
-_SCALES = np.array([np.prod([float(own - rest) for rest in _OFFSETS if rest != own]) for own in _OFFSETS])
+_SCALES = np.array([np.prod([float(offset - rest) for rest in _OFFSETS if rest != offset]) for offset in _OFFSETS])
 """What a knot's weight is at the knot itself, before it is made one."""
 
 

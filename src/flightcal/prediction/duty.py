@@ -40,7 +40,7 @@ def unknown_share(observed: FloatArray, seconds: FloatArray, length: float) -> F
 
     observed: status [T, H], NaN where unknown; seconds: [T] from the window's start.
     """
-    return np.array([1.0 - min(_known_seconds(own, seconds).sum() / length, 1.0) for own in observed.T])
+    return np.array([1.0 - min(_known_seconds(column, seconds).sum() / length, 1.0) for column in observed.T])
 
 
 def _known_seconds(observed: FloatArray, seconds: FloatArray) -> FloatArray:
@@ -66,12 +66,12 @@ def duty_errors(
     orbits = math.floor(length / period + 1.0 - _WHOLE)
     orbit = seconds // period
     errors = np.full((orbits, observed.shape[1]), np.nan)
-    for heater, own in enumerate(observed.T):
-        lasting = _known_seconds(own, seconds)
+    for heater, column in enumerate(observed.T):
+        lasting = _known_seconds(column, seconds)
         for k in range(orbits):
-            known = (orbit == k) & np.isfinite(own)
+            known = (orbit == k) & np.isfinite(column)
             if lasting[known].sum() >= _KNOWN * period * (1.0 - 1e-9):
-                errors[k, heater] = (own - simulated[:, heater])[known].mean()
+                errors[k, heater] = (column - simulated[:, heater])[known].mean()
     return errors
 
 
@@ -82,9 +82,9 @@ def draw_duty_errors(errors: FloatArray, orbits: float, count: int, rng: np.rand
     """
     drawn = np.zeros((count, errors.shape[1]))
     for heater, column in enumerate(errors.T):
-        own = column[np.isfinite(column)]
-        if len(own) < FEWEST_ORBITS:
+        known = column[np.isfinite(column)]
+        if len(known) < FEWEST_ORBITS:
             continue
-        scale = own.std(ddof=1) * math.sqrt(1 / len(own) + 1 / orbits)
-        drawn[:, heater] = own.mean() + scale * rng.standard_t(len(own) - 1, count)
+        scale = known.std(ddof=1) * math.sqrt(1 / len(known) + 1 / orbits)
+        drawn[:, heater] = known.mean() + scale * rng.standard_t(len(known) - 1, count)
     return drawn

@@ -148,7 +148,7 @@ def propagate(
     sampled = sampled_duty_cycle(status, window.status)
     if errors is not None and not trained:
         drawn_duty = draw_duty_errors(errors.duty, window.duration / window.period, len(kept), rng)
-        duty_cycle, sampled = (np.clip(own + drawn_duty, 0.0, 1.0) for own in (duty_cycle, sampled))
+        duty_cycle, sampled = (np.clip(duties + drawn_duty, 0.0, 1.0) for duties in (duty_cycle, sampled))
     power = np.stack([window.simulator.heater_power(theta[window.simulated]) for theta, _ in kept])
     return Ensemble(
         mean=mean,

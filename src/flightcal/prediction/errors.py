@@ -38,11 +38,13 @@ def window_errors(
     The nearest training window tells discrepancy and noise; all of them tell the errors of duty cycles. first: how many
     samples at the window's start tell about them; stand_in: gives a training window its emulator.
     """
-    trained = [window if own.name == window.name else stand_in(own) for own in problem.windows]
-    thetas = [problem.at(own, draws) for own in trained]
-    runs = [own.simulate_many(theta) for own, theta in zip(trained, thetas, strict=True)]
-    duty = [_duty_errors(own, of_window) for own, of_window in zip(trained, runs, strict=True)]
-    names = [own.name for own in problem.windows]
+    trained = [
+        window if trained_window.name == window.name else stand_in(trained_window) for trained_window in problem.windows
+    ]
+    thetas = [problem.at(window, draws) for window in trained]
+    runs = [window.simulate_many(theta) for window, theta in zip(trained, thetas, strict=True)]
+    duty = [_duty_errors(window, of_window) for window, of_window in zip(trained, runs, strict=True)]
+    names = [window.name for window in problem.windows]
     place = names.index(window.name if window.name in names else problem.nearest(window.times[0]).name)
     train = trained[place]
     missing = np.full(train.observed.shape, np.nan)
@@ -111,7 +113,7 @@ class WindowErrors:
 
     def only(self, kept: NDArray[np.bool_]) -> WindowErrors:
         """Those of some of the draws."""
-        together = tuple(found for found, own in zip(self.together, kept, strict=False) if own)
+        together = tuple(found for found, rows in zip(self.together, kept, strict=False) if rows)
         numbers, temperatures = self.numbers[kept], self.train_temperatures[kept]
         at_start = None if self.at_start is None else self.at_start[kept]
         return replace(self, numbers=numbers, train_temperatures=temperatures, together=together, at_start=at_start)

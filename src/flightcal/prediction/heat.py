@@ -87,9 +87,9 @@ class DrawnHeat:
                     weights[g] = values.reshape(len(values), -1)
         slow = None if self.model.slow is None else Slow(knots, self.model.slow.time, plain=True)
         model = replace(self.model, slow=slow)
-        for own in own_groups(window, model.gains):
-            if own not in model.groups:
-                model = replace(model, groups=(*model.groups, own))
+        for own_group in own_groups(window, model.gains):
+            if own_group not in model.groups:
+                model = replace(model, groups=(*model.groups, own_group))
                 weights.append(rng.standard_normal((len(self.usable), len(unit_heats(model, window)[-1].series))))
         return HeatIn(model, tuple(weights))
 
@@ -195,7 +195,7 @@ def heated_window(
     first: how many samples at its start tell about its errors; none do where training ends at the start.
     """
     injected = drawn.in_window(window, rng)
-    trained = next((own for own in problem.windows if own.name == window.name), None)
+    trained = next((trained_window for trained_window in problem.windows if trained_window.name == window.name), None)
     ended = drawn.continued(window.start) if trained is None else None
     on = None
     if window.unmeasured and ended is not None:

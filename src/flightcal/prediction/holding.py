@@ -140,17 +140,19 @@ def replicate(
     drawn = counted & (lowest < draws) & (draws < highest)
     samples = counted.sum(axis=0)
     size, mean, variance = len(draws), draws.mean(axis=0), draws.var(axis=0, ddof=1).clip(_LEAST)
-    off, own = (observed - mean) ** 2 / variance, (draws - mean) ** 2
+    off, squared = (observed - mean) ** 2 / variance, (draws - mean) ** 2
     # Distance from the mean of the others, and their variance.
-    others = ((size - 1) * variance - own * size / (size - 1)).clip(_LEAST) / (size - 2)
-    own *= (size / (size - 1)) ** 2 / others
-    lasting = np.stack([_lasting(seconds[k], np.vstack([off[k, n], own[:, k, n]])) for n, k in enumerate(counted.T)])
+    others = ((size - 1) * variance - squared * size / (size - 1)).clip(_LEAST) / (size - 2)
+    squared *= (size / (size - 1)) ** 2 / others
+    lasting = np.stack(
+        [_lasting(seconds[k], np.vstack([off[k, n], squared[:, k, n]])) for n, k in enumerate(counted.T)]
+    )
     with np.errstate(invalid="ignore"):
         return Replicates(
             inside.sum(axis=0) / samples,
             drawn.sum(axis=1) / samples,
             np.sqrt(np.where(counted, off, 0.0).sum(axis=0) / samples),
-            np.sqrt(np.where(counted, own, 0.0).sum(axis=1) / samples),
+            np.sqrt(np.where(counted, squared, 0.0).sum(axis=1) / samples),
             lasting[:, 0],
             lasting[:, 1:].T,
         )
@@ -194,16 +196,20 @@ def hold_together(windows: Sequence[Replicates]) -> list[Holding]:
     orbits of 95 min, and at about 82% in one of eight.
     """
     size = min(len(window.replicated) for window in windows)
-    of_windows = [(own.replicated, own.replicated_error, own.replicated_lasting) for own in windows]
-    replicated = np.concatenate([np.stack([part[:size] for part in own], axis=1) for own in of_windows], axis=2)
+    of_windows = [
+        (replicates.replicated, replicates.replicated_error, replicates.replicated_lasting) for replicates in windows
+    ]
+    replicated = np.concatenate(
+        [np.stack([part[:size] for part in of_window], axis=1) for of_window in of_windows], axis=2
+    )
     known = np.isfinite(replicated).all(axis=0)
     ends = np.full((2, *known.shape), np.nan)
     ends[:, known] = _ends(replicated[:, known])
     ends[:, 0] = ends[:, 0].clip(0.0, 1.0)
     found, at = [], 0
     for window in windows:
-        own = slice(at, at := at + len(window.coverage))
-        (lower, *_), (upper, most_error, most_lasting) = ends[:, :, own]
+        rows = slice(at, at := at + len(window.coverage))
+        (lower, *_), (upper, most_error, most_lasting) = ends[:, :, rows]
         errors = window.error, most_error, window.lasting, _TAILS * most_lasting
         found.append(Holding(window.coverage, lower, upper, *errors))
     return found

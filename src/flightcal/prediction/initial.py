@@ -74,8 +74,8 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
     likely, spread = beside(np.concatenate(found), np.concatenate(lasted), told, read)
     reads = dict(first.reads)
     untold = [name for name, is_told in zip(starts, told, strict=True) if not is_told]
-    for name, own, deviation in zip(untold, likely.tolist(), spread.tolist(), strict=True):
-        reads[name] = Normal(mean=own, standard_deviation=max(deviation, starts[name].standard_deviation))
+    for name, value, deviation in zip(untold, likely.tolist(), spread.tolist(), strict=True):
+        reads[name] = Normal(mean=value, standard_deviation=max(deviation, starts[name].standard_deviation))
     return replace(first, reads=reads)
 
 
@@ -164,8 +164,8 @@ def condition_start(
     logs = np.log(chance).sum(axis=1)[:, None] + np.stack([fit for _, _, fit in tried])
     chosen = (logs + rng.gumbel(size=logs.shape)).argmax(axis=0)
     every = np.arange(len(thetas))
-    found = np.stack([own for own, _, _ in tried])[chosen, every]
-    factors = np.stack([own for _, own, _ in tried])[chosen, every]
+    found = np.stack([weight for weight, _, _ in tried])[chosen, every]
+    factors = np.stack([spread for _, spread, _ in tried])[chosen, every]
     return _drawn(first, found, factors, rng), patterns[chosen]
 
 

@@ -68,7 +68,7 @@ def lead_up_to(
     ahead = Span(start=as_datetime(start), end=as_datetime(window.start), planned=True)
     scenario = problem.scenario.model_copy(update={"windows": {**problem.scenario.windows, LEAD: ahead}})
     try:
-        lead, first = (build_window(scenario, telemetry, LEAD, span=own) for own in (None, span))
+        lead, first = (build_window(scenario, telemetry, LEAD, span=length) for length in (None, span))
     except FlightcalError:  # orbit or attitude are not known so long before
         return None
     if problem.heat is not None:

@@ -78,8 +78,8 @@ def limits_of(scenario: Scenario) -> Limits:
 
 def with_limits(prediction: xr.Dataset, limits: Limits) -> xr.Dataset:
     """A window's prediction with the limits of its channels beside it, K; NaN where there is none."""
-    own = [limits.get(str(name), (None, None)) for name in prediction["channel"].values]
-    ends = np.array([[np.nan if value is None else value for value in pair] for pair in own]).reshape(-1, 2)
+    bounds = [limits.get(str(name), (None, None)) for name in prediction["channel"].values]
+    ends = np.array([[np.nan if value is None else value for value in pair] for pair in bounds]).reshape(-1, 2)
     return prediction.assign({_LOWER: ("channel", ends[:, 0]), _UPPER: ("channel", ends[:, 1])})
 
 
@@ -124,17 +124,25 @@ def extremes(window: xr.Dataset, name: str) -> Iterator[Extreme]:
 
 def limit_scores(window: xr.Dataset, name: str) -> list[Metric]:
     """Chances that limits are passed in a plan; of any other window none."""
-    told = [own for own in extremes(window, name) if not np.isnan(own.limit)]
+    told = [extreme for extreme in extremes(window, name) if not np.isnan(extreme.limit)]
     return [
-        Metric(STOCHASTIC, name, own.channel, f"{own.beyond}_limit", own.chance, "1", f"limit {own.limit:g} K")
-        for own in told
+        Metric(
+            STOCHASTIC,
+            name,
+            extreme.channel,
+            f"{extreme.beyond}_limit",
+            extreme.chance,
+            "1",
+            f"limit {extreme.limit:g} K",
+        )
+        for extreme in told
     ]
 
 
 def limits_told(windows: Mapping[str, xr.Dataset]) -> list[Extreme]:
     """Of groups of prediction.nc: extremes of plans whose channels have a limit there, the likeliest to pass first."""
-    found = [own for name, window in windows.items() for own in extremes(window, name)]
-    return sorted((own for own in found if not np.isnan(own.limit)), key=lambda own: -own.chance)
+    found = [extreme for name, window in windows.items() for extreme in extremes(window, name)]
+    return sorted((extreme for extreme in found if not np.isnan(extreme.limit)), key=lambda extreme: -extreme.chance)
 
 
 def read_limits_told(file: Path) -> list[Extreme]:

@@ -173,7 +173,7 @@ def score(prediction: xr.Dataset, window: str) -> list[Metric]:
             ("all", _temperature_scores(of_method, method)),
             *((heater, _heater_scores(of_method.sel(heater=heater))) for heater in heaters),
         ]
-        metrics += [Metric(method, window, place, *own) for place, found in scores for own in found]
+        metrics += [Metric(method, window, place, *row) for place, found in scores for row in found]
     return metrics
 
 
@@ -322,7 +322,7 @@ def comparison_table(metrics: Sequence[Metric]) -> list[Comparison]:
         pair = [found.get((method, *place)) for method in ("genetic", "stochastic")]
         genetic, stochastic = [m.value if m else None for m in pair]
         best = None if (of_best := found.get(("genetic_best", *place))) is None else of_best.value
-        ratio, to_best = (stochastic / own if stochastic is not None and own else None for own in (genetic, best))
+        ratio, to_best = (stochastic / value if stochastic is not None and value else None for value in (genetic, best))
         note = next((m.note for m in pair if m and m.value is None), "")
         unit = next((m.unit for m in pair if m), "")
         rows.append(Comparison(*place, unit, genetic, stochastic, ratio, PUBLISHED.get(place[2]), note, best, to_best))

@@ -59,11 +59,11 @@ def draw_thresholds(
     logs = np.zeros((2, len(heaters), len(thetas[0]), len(_OFFSETS), len(SCATTERS)))
     for window, theta, heat, shift in zip(windows, thetas, heats, shifts, strict=True):
         assert window.network is not None
-        thresholds = np.stack([window.network.thresholds(own) for own in theta[:, window.simulated]])
+        thresholds = np.stack([window.network.thresholds(numbers) for numbers in theta[:, window.simulated]])
         for heater, found in enumerate(passages(window, theta, heat, shift)):
             for side in (0, 1):
-                own = thresholds[:, slice(None) if found.cycles else [side], heater].mean(axis=1)
-                at = own[:, None] + offsets[side, heater]
+                threshold = thresholds[:, slice(None) if found.cycles else [side], heater].mean(axis=1)
+                at = threshold[:, None] + offsets[side, heater]
                 logs[side, heater] += found.log_likelihood(side, at) + found.log_of_middle(at)[..., None]
     logs += (-0.5 * (offsets / _PRIOR) ** 2)[:, :, None, :, None]
     logs += log_prior_of_scatter(first, np.median(thetas[0], axis=0))[:, None, None, :]

@@ -60,12 +60,12 @@ def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = 
     if window.network is None:
         return ()
     durations, series = _looked_at(window)
-    known = [own for own in (_looked_at(other)[1] for other in trained) if own]
+    known = [ranges for ranges in (_looked_at(other)[1] for other in trained) if ranges]
     outside: dict[str, Booleans] = {}
     for column, values in series.items():
         kind, _, which = column.partition(".")
         if kind in _WORDS:
-            before = np.concatenate([own[column] for own in known if column in own] or [np.empty(0)])
+            before = np.concatenate([ranges[column] for ranges in known if column in ranges] or [np.empty(0)])
             wider = _KELVIN if kind == "temperature" else None
             least = _GRAZING if kind == "solar" else 0.0
             new = (values > 0.5) & ~(before > 0.5).any() if kind == "mode" else _beyond(values, before, wider, least)
@@ -77,20 +77,20 @@ def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = 
     whole = reduce(np.logical_or, outside.values(), np.zeros(len(durations), bool))
     shares = {name: float(durations @ where / durations.sum()) for name, where in {ANY: whole, **outside}.items()}
     found = [Unseen(name, share) for name, share in shares.items() if share >= _LEAST]
-    return tuple(sorted(found, key=lambda own: -own.share))
+    return tuple(sorted(found, key=lambda item: -item.share))
 
 
 def unseen_attribute(trained: Mapping[str, Window], window: Window, mean: FloatArray) -> dict[str, str]:
     """`unseen` as an attribute of the prediction of a window that was not trained on; none where it is not known."""
     if window.name in trained or window.network is None:
         return {}
-    return {"unseen": json.dumps([vars(own) for own in unseen(list(trained.values()), window, mean)])}
+    return {"unseen": json.dumps([vars(item) for item in unseen(list(trained.values()), window, mean)])}
 
 
 def read_unseen(file: Path) -> dict[str, tuple[Unseen, ...]]:
     """What a run's prediction says of each window in which something was not trained on."""
     attributes = {name: group.attrs for name, group in read_tree(file).children.items()}
-    found = {name: json.loads(own["unseen"]) for name, own in attributes.items() if "unseen" in own}
+    found = {name: json.loads(attribute["unseen"]) for name, attribute in attributes.items() if "unseen" in attribute}
     return {name: tuple(Unseen(**item) for item in items) for name, items in found.items() if items}
 
 
@@ -130,7 +130,7 @@ def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None, 
 
 def _course(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
     """Where the driver that the pattern of heat is over is outside of its range in training."""
-    known = [own.course.values for own in trained if own.course is not None]
+    known = [window.course.values for window in trained if window.course is not None]
     heat = heat_of(window.scenario)
     if window.course is None or not known or heat is None or heat.pattern is None:
         return {}
@@ -141,12 +141,12 @@ def _course(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
 
 def _sun(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
     """Where sunlight or eclipse are at places in the orbit at which training had the other alone."""
-    origin = min(own.times[0] for own in trained)
+    origin = min(window.times[0] for window in trained)
     sectors, sunlit = _in_orbit(window, origin)
     had = np.zeros((2, _SECTORS), bool)
-    for own in trained:
-        if own.network is not None:
-            of_training, lit = _in_orbit(own, origin)
+    for trained_window in trained:
+        if trained_window.network is not None:
+            of_training, lit = _in_orbit(trained_window, origin)
             had[lit.astype(int), of_training] = True
     if not len(sectors) or not had.any():
         return {}
@@ -173,7 +173,7 @@ def _temperatures(trained: Sequence[Window], window: Window, mean: FloatArray) -
         return {}
     between = window.times[:-1] + np.diff(window.times) / 2
     nearest = np.searchsorted(between, _times(window))
-    before = np.concatenate([own.observed for own in trained])
+    before = np.concatenate([window.observed for window in trained])
     return {
         f"temperature of {channel}": _beyond(mean[:, k], before[:, k], _KELVIN)[nearest]
         for k, channel in enumerate(window.simulator.channels)

@@ -129,7 +129,7 @@ def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMe
     """
     if residuals[0].heat is not None:
         return LikelihoodCalls(*heat_rows(residuals, memories))
-    windows = [_Window(*own) for own in zip(residuals, memories, strict=True)]
+    windows = [_Window(*pair) for pair in zip(residuals, memories, strict=True)]
     closing: list[Row] = []
     forward, backward = ([window.begin() for window in windows], [[finish.row(w.call)] for w in windows])
     for window, rows in zip(windows, forward, strict=True):
@@ -149,10 +149,10 @@ def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMe
 def _joined(residuals: Sequence[Residuals]) -> list[list[tuple[int, int]]]:
     """Windows and channels that have shapes, put together where they share weights."""
     over_windows = len(residuals) > 1 and residuals[0].discrepant.any()
-    over_channels = any(len(own.shapes.between) for own in residuals)
+    over_channels = any(len(window_residuals.shapes.between) for window_residuals in residuals)
     found: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for place, own in enumerate(residuals):
-        for k in own.shaped:
+    for place, window_residuals in enumerate(residuals):
+        for k in window_residuals.shaped:
             key = (0 if over_windows else place, 0 if over_channels else k)
             found.setdefault(key, []).append((place, k))
     return list(found.values())
@@ -217,9 +217,9 @@ class _Window:
             wide = self._wide = self._wide or self._columns(count + 1)
         basis, transposed, projected = self.terms.shapes.basis, self._transposed, self.projected[k]
         if count > basis.shape[1]:
-            own = self.terms.shapes.of_channel(k)
-            basis, projected = np.zeros((len(own), count)), np.empty(count)
-            basis[:, : own.shape[1]] = own
+            columns = self.terms.shapes.of_channel(k)
+            basis, projected = np.zeros((len(columns), count)), np.empty(count)
+            basis[:, : columns.shape[1]] = columns
             transposed = np.ascontiguousarray(basis.T)
         return ShapesCall(
             self.noise(k, *wide), basis, transposed, projected, gram, weights.scale[part],
@@ -283,7 +283,7 @@ def _with_shapes(
 def _own_weights(windows: Sequence[_Window], parts: Sequence[tuple[int, int]]) -> Weights:
     """Memory for weights that parts share: of a discrepancy between windows, of an error between channels."""
     shapes = [windows[place].terms.shapes for place, _ in parts]
-    errors = [own.error_of(k).tolist() for own, (_, k) in zip(shapes, parts, strict=True)]
+    errors = [of_window.error_of(k).tolist() for of_window, (_, k) in zip(shapes, parts, strict=True)]
     in_discrepancy, most = shapes[0].basis.shape[1], max(map(len, errors))
     if len(parts) == 1:
         return Weights(in_discrepancy + most, np.empty((1, 0), np.int64), in_discrepancy + most)
@@ -321,11 +321,11 @@ class Likelihood:
     def __init__(self, residuals: Sequence[Residuals], numbers: int) -> None:
         """numbers: how many each channel has."""
         self.memories = []
-        for own in residuals:
-            channels, samples = own.valid.shape
+        for window_residuals in residuals:
+            channels, samples = window_residuals.valid.shape
             observed, simulated = np.empty((2, samples, channels))
-            variance = np.empty(own.shapes.errors.shape[2])
-            scales = np.empty(0 if own.heat is None else len(own.heat.entries))
+            variance = np.empty(window_residuals.shapes.errors.shape[2])
+            scales = np.empty(0 if window_residuals.heat is None else len(window_residuals.heat.entries))
             self.memories.append(window_memory(observed, simulated, np.empty((channels, numbers)), variance, scales))
         self._program = Program(likelihood_calls(residuals, self.memories).rows)
 
@@ -335,13 +335,21 @@ class Likelihood:
         windows: of each temperatures observed and simulated [T, N], K, numbers [N, n], see `WindowMemory`, and, where
         the simulator has an error, the variances [r] of its weights, and, where there is heat, the scales [g] of its.
         """
-        for memory, own in zip(self.memories, windows, strict=True):
+        for memory, window_terms in zip(self.memories, windows, strict=True):
             arrays = (memory.observed, memory.simulated, memory.numbers, memory.variance, memory.scales)
-            for array, given in zip(arrays, own, strict=False):
+            for array, given in zip(arrays, window_terms, strict=False):
                 array[:] = given
         self._program.run()
         value = float(sum(memory.value[0] for memory in self.memories))
-        bars = [(own.simulated_bar, own.numbers_bar, own.variance_bar, own.scales_bar) for own in self.memories]
+        bars = [
+            (
+                window_memory.simulated_bar,
+                window_memory.numbers_bar,
+                window_memory.variance_bar,
+                window_memory.scales_bar,
+            )
+            for window_memory in self.memories
+        ]
         return value, [Bars(*(array.copy() for array in of_window)) for of_window in bars]
 
 
@@ -356,11 +364,16 @@ def weights_given(
     Arguments of each window as in `Likelihood`. Of each mean [N, m], and F [N, m, m] with their covariance F F^T; zero
     for a channel without a discrepancy.
     """
-    residuals = [own.with_errors(np.empty((0, 0, 0))) if own.shapes.errors.size else own for own in residuals]
+    residuals = [
+        window_residuals.with_errors(np.empty((0, 0, 0))) if window_residuals.shapes.errors.size else window_residuals
+        for window_residuals in residuals
+    ]
     windows, found = [], []
-    for own, *arrays in zip(residuals, observed, simulated, numbers, strict=True):
-        windows.append(_Window(own, window_memory(*(np.ascontiguousarray(array, float) for array in arrays))))
-        channels, count = len(own.kinds), own.shapes.basis.shape[1]
+    for window_residuals, *arrays in zip(residuals, observed, simulated, numbers, strict=True):
+        windows.append(
+            _Window(window_residuals, window_memory(*(np.ascontiguousarray(array, float) for array in arrays)))
+        )
+        channels, count = len(window_residuals.kinds), window_residuals.shapes.basis.shape[1]
         found.append((np.zeros((channels, count)), np.zeros((channels, count, count))))
         for row in windows[-1].begin():
             row()
@@ -388,16 +401,16 @@ def information(
     ones, [q, d]; numbers and variances as in `Likelihood`. The shapes stand beside the coordinates at first.
     """
     shapes, (channels, _), d = residuals[0].shapes, numbers[0].shape, derivatives[0].shape[1]
-    own, shared = (0, shapes.basis.shape[1]) if len(residuals) > 1 else (shapes.basis.shape[1], 0)
-    in_all = np.concatenate([_prior_variances(residuals[0], numbers[0])[:, own:].ravel(), *variances])
+    private, shared = (0, shapes.basis.shape[1]) if len(residuals) > 1 else (shapes.basis.shape[1], 0)
+    in_all = np.concatenate([_prior_variances(residuals[0], numbers[0])[:, private:].ravel(), *variances])
     total, of_window = np.zeros((d + len(in_all),) * 2), d + channels * shared
     for window, jacobian, derivative, of_noise, of_error in zip(
         residuals, jacobians, derivatives, numbers, variances, strict=True
     ):
         q, errors = jacobian.shape[2], len(of_error)
-        alone = _prior_variances(window, of_noise)[:, :own]
-        basis = np.broadcast_to(window.shapes.basis[:, None], (*jacobian.shape[:2], own + shared))
-        parts = [jacobian, basis[..., own:], *([window.shapes.errors] if errors else []), basis[..., :own]]
+        alone = _prior_variances(window, of_noise)[:, :private]
+        basis = np.broadcast_to(window.shapes.basis[:, None], (*jacobian.shape[:2], private + shared))
+        parts = [jacobian, basis[..., private:], *([window.shapes.errors] if errors else []), basis[..., :private]]
         columns = np.where(window.valid.T[..., None], np.concatenate(parts, axis=2), 0.0)
         products = columns.transpose(1, 2, 0) @ _weighed(window, columns, of_noise).transpose(1, 0, 2)
         for k in range(channels):

@@ -81,16 +81,20 @@ class ResidualModel:
 
     def deviations(self, numbers: FloatArray) -> FloatArray:
         """Standard deviation of the noise of one sample of each channel [N], K; numbers: [N, n]."""
-        return np.array([kind.deviation(own) for kind, own in zip(self.terms.kinds, numbers, strict=True)])
+        return np.array(
+            [kind.deviation(kind_numbers) for kind, kind_numbers in zip(self.terms.kinds, numbers, strict=True)]
+        )
 
     def normal_equivalent(self, numbers: FloatArray) -> tuple[Residuals, FloatArray]:
         """Normal residuals of the same information on the simulated temperatures, and their numbers [N, n]."""
         if self.is_normal:
             return self.terms, numbers
-        found = [kind.normal_equivalent(own) for kind, own in zip(self.terms.kinds, numbers, strict=True)]
+        found = [
+            kind.normal_equivalent(kind_numbers) for kind, kind_numbers in zip(self.terms.kinds, numbers, strict=True)
+        ]
         numbers = numbers.copy()
-        for own, (_, equal) in zip(numbers, found, strict=True):
-            own[: len(equal)] = equal
+        for kind_numbers, (_, equal) in zip(numbers, found, strict=True):
+            kind_numbers[: len(equal)] = equal
         return replace(self.terms, kinds=tuple(kind for kind, _ in found)), numbers
 
     def curvature(self, residual: FloatArray, numbers: FloatArray) -> FloatArray:
@@ -118,7 +122,7 @@ class ResidualModel:
     def draw_noise(self, numbers: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Noise [T, N], K, of all channels."""
         kinds, seconds = self.terms.kinds, self.terms.seconds
-        drawn = [sum(kind.draw(own, seconds, rng)) for kind, own in zip(kinds, numbers, strict=True)]
+        drawn = [sum(kind.draw(kind_numbers, seconds, rng)) for kind, kind_numbers in zip(kinds, numbers, strict=True)]
         return np.stack(drawn, axis=1)
 
     def draw_errors(
@@ -176,17 +180,17 @@ def residual_model(
             value = getattr(noise, number) if number in kind.names else None
             if value is not None:
                 column = kind.names.index(number)
-                own = () if column == DEVIATION else (number,)
+                more = () if column == DEVIATION else (number,)
                 size = "noise" if column == DEVIATION else "white" if number == kind.white else ""
-                put(".".join(("noise", channel, *own)), value, k, column, size)
+                put(".".join(("noise", channel, *more)), value, k, column, size)
 
     shapes = no_shapes(len(seconds), len(channels))
     if (discrepancy := discrepancy_of(scenario)) is not None:
         shapes, phase = _discrepancy(scenario, discrepancy, channels, times), discrepancy.phase
         for column, key, size in ((AMPLITUDE, "amplitude", "discrepancy"), (LENGTH, "lengthscale", "")):
             for k in np.flatnonzero(shapes.channels).tolist():
-                own = () if key in phase.shared else (channels[k],)
-                put(".".join(("discrepancy", "phase", key, *own)), getattr(phase, key), k, column, size)
+                more = () if key in phase.shared else (channels[k],)
+                put(".".join(("discrepancy", "phase", key, *more)), getattr(phase, key), k, column, size)
     valid = np.ascontiguousarray(np.isfinite(observed).T)
     terms = Residuals(np.ascontiguousarray(seconds, float), valid, tuple(kinds), shapes)
     return ResidualModel(terms, fixed, tuple(entries)), priors

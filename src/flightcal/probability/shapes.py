@@ -66,10 +66,10 @@ class Weights:
     See `CloseCall`.
     """
 
-    def __init__(self, own: int, shared: IntArray, count: int) -> None:
+    def __init__(self, private: int, shared: IntArray, count: int) -> None:
         """shared: [P, c] places of what a part's last c weights are among those that parts share."""
         parts, total = len(shared), int(shared.max(initial=-1)) + 1
-        self.own, self.count, self._shared = own, count, shared
+        self.own, self.count, self._shared = private, count, shared
         self.root, self.slope, self.moment, self.weights, self.shrunk, self.mean = np.zeros((6, parts, count))
         self.gram, self.inverse = np.empty((2, parts, count, count))
         self.scale, self.untold = np.empty((2, parts, 1))

@@ -97,8 +97,8 @@ class HeaterStatus:
 def heater_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> HeaterStatus | None:
     """What a window's telemetry says of the heaters, with times from `start`; None: no channel has a likelihood."""
     forms = {
-        name: (own.switch_times or own.duty_cycle, scenario.observations[name].heater)
-        for name, own in status_likelihoods(scenario).items()
+        name: (status_likelihood.switch_times or status_likelihood.duty_cycle, scenario.observations[name].heater)
+        for name, status_likelihood in status_likelihoods(scenario).items()
     }
     if not forms:
         return None

@@ -64,8 +64,8 @@ class Straight:
         return straight_forward.row(call), straight_backward.row(call)
 
     def _call(self, z: Array, z_bar: Array, rates: Array) -> StraightCall:
-        own = self.bounded
-        kinds, arguments = self.priors.kinds[own], self.priors.arguments[own]
+        bounded = self.bounded
+        kinds, arguments = self.priors.kinds[bounded], self.priors.arguments[bounded]
         return StraightCall(
             self.order, self.slopes, kinds, arguments, NDTRI, self._centre, z, np.empty_like(rates), rates, z_bar
         )
@@ -78,10 +78,10 @@ class Straight:
 
     def _bends(self, z: Array) -> tuple[Array, Array]:
         """How far the bounded ones are from straight [..., p], and the derivative, at z [..., d]."""
-        found, own = self.priors.at(z), self.bounded
+        found, bounded = self.priors.at(z), self.bounded
         z_0, theta_0, slope_0 = self._centre.T
-        bends = (found.theta[..., own] - theta_0) / slope_0 - (np.asarray(z)[..., own] - z_0)
-        return bends, found.slope[..., own] / slope_0 - 1.0
+        bends = (found.theta[..., bounded] - theta_0) / slope_0 - (np.asarray(z)[..., bounded] - z_0)
+        return bends, found.slope[..., bounded] / slope_0 - 1.0
 
 
 def straight(priors: Priors, centre: Array, covariance: Array) -> Straight | None:

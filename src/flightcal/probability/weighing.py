@@ -99,14 +99,14 @@ class Weighed:
 
 def weigh(residuals: Sequence[Residuals]) -> Weighed:
     """Of windows with heat."""
-    filters = tuple(filter_of(own) for own in residuals)
+    filters = tuple(filter_of(window_residuals) for window_residuals in residuals)
     white, products = [], []
-    for own, whitens in zip(residuals, filters, strict=True):
-        assert own.heat is not None
-        response = whitens.whiten(np.moveaxis(own.heat.response, 1, 0), own.valid)
+    for window_residuals, whitens in zip(residuals, filters, strict=True):
+        assert window_residuals.heat is not None
+        response = whitens.whiten(np.moveaxis(window_residuals.heat.response, 1, 0), window_residuals.valid)
         white.append(np.ascontiguousarray(response))
         products.append(np.ascontiguousarray(np.einsum("kti,ktj->kij", response, response, optimize=True)))
-    samples = np.concatenate([own.valid.sum(axis=1) for own in residuals]).astype(float)
+    samples = np.concatenate([window_residuals.valid.sum(axis=1) for window_residuals in residuals]).astype(float)
     determinant = np.concatenate([whitens.determinant for whitens in filters])
     return Weighed(filters, tuple(white), np.concatenate(products), samples, determinant)
 
@@ -127,13 +127,15 @@ def heat_rows(
     projected, shown = np.zeros((parts, m)), np.zeros(m)
     follows = heat.follows or Follows((), np.zeros(0, bool), np.zeros(0), np.zeros((m, 0)), np.zeros(m))
     forward, backward, first = [], [], 0
-    for own, memory, whitens, response in zip(residuals, memories, known.filters, known.white, strict=True):
+    for window_residuals, memory, whitens, response in zip(
+        residuals, memories, known.filters, known.white, strict=True
+    ):
         call = HeatWindowCall(
-            own.valid, memory.observed, memory.simulated, memory.numbers, whitens.decay, whitens.gain, whitens.root,
-            response, first, np.zeros(own.valid.shape), squares, precision, projected, shown, trace,
-            memory.simulated_bar, memory.numbers_bar, known.samples,
+            window_residuals.valid, memory.observed, memory.simulated, memory.numbers, whitens.decay, whitens.gain,
+            whitens.root, response, first, np.zeros(window_residuals.valid.shape), squares, precision, projected,
+            shown, trace, memory.simulated_bar, memory.numbers_bar, known.samples,
         )  # fmt: skip
-        first += len(own.valid)
+        first += len(window_residuals.valid)
         memory.value[0], memory.scales_bar[:] = 0.0, 0.0
         forward.append([opens.row(call)])
         backward.append([returns.row(call)])
@@ -161,14 +163,14 @@ def _known_rows(
     root = roots[:, None] * directions[:, kept] * (1.0 + told[kept]) ** -0.5
     squares, projected = np.zeros(1), np.zeros(kept.sum())
     forward, backward = [], []
-    for place, (own, memory, whitens, response) in enumerate(
+    for place, (window_residuals, memory, whitens, response) in enumerate(
         zip(residuals, memories, known.filters, known.white, strict=True)
     ):
         explaining = response / sizes.deviations[:, None, None] @ root
         call = KnownWindowCall(
-            own.valid, memory.observed, memory.simulated, whitens.decay, whitens.gain,
+            window_residuals.valid, memory.observed, memory.simulated, whitens.decay, whitens.gain,
             whitens.root / sizes.deviations[:, None], np.ascontiguousarray(explaining), int(place == 0),
-            np.zeros(own.valid.shape), squares, projected, memory.simulated_bar, memory.numbers_bar,
+            np.zeros(window_residuals.valid.shape), squares, projected, memory.simulated_bar, memory.numbers_bar,
         )  # fmt: skip
         memory.value[0] = 0.0
         forward.append([opens_known.row(call)])
@@ -198,15 +200,17 @@ class Gains:
         _, place, which = np.unique(sizes, axis=0, return_index=True, return_inverse=True)
         self.factors = []
         for k, one in enumerate(place):
-            gram, own = np.tensordot(deviations[one] ** -2.0, known.products, 1), roots[one]
-            self.factors.append((np.flatnonzero(which.ravel() == k), own[:, None] * _factors(gram, own)[1].T))
+            gram, root = np.tensordot(deviations[one] ** -2.0, known.products, 1), roots[one]
+            self.factors.append((np.flatnonzero(which.ravel() == k), root[:, None] * _factors(gram, root)[1].T))
 
     def __call__(self, left: Sequence[FloatArray]) -> FloatArray:
         """Weights [S, m] expected with residuals [S, T, N] of each window, K."""
         moment, first = np.zeros((len(self._deviations), self._known.products.shape[1])), 0
         known = zip(self._residuals, self._known.filters, self._known.white, left, strict=True)
-        for own, whitens, response, residual in known:
-            white = whitens.whiten(np.where(own.valid[..., None], residual.transpose(2, 1, 0), 0.0), own.valid)
+        for window_residuals, whitens, response, residual in known:
+            white = whitens.whiten(
+                np.where(window_residuals.valid[..., None], residual.transpose(2, 1, 0), 0.0), window_residuals.valid
+            )
             precision = self._deviations[:, first : first + len(white)] ** -2.0
             moment += np.einsum("sk,ktm,kts->sm", precision, response, white, optimize=True)
             first += len(white)
@@ -234,17 +238,17 @@ class Evidence:
         self.numbers = np.zeros((len(residuals[0].kinds), numbers))
         self._parts: list[tuple[int, int, WhitenCall]] = []
         self._whitens, self._pulls = [], []
-        for w, (own, basis) in enumerate(zip(residuals, columns, strict=True)):
-            samples = len(own.seconds)
+        for w, (window_residuals, basis) in enumerate(zip(residuals, columns, strict=True)):
+            samples = len(window_residuals.seconds)
             work = np.zeros((2, samples, r + 1))
-            for k, kind in enumerate(own.kinds):
+            for k, kind in enumerate(window_residuals.kinds):
                 assert kind.whitens is not None
                 assert kind.pulls is not None
                 seen = np.zeros((samples, r + 1))
-                seen[:, :r] = np.where(own.valid[k][:, None], basis[:, k], 0.0)
+                seen[:, :r] = np.where(window_residuals.valid[k][:, None], basis[:, k], 0.0)
                 call = WhitenCall(
-                    own.seconds, own.valid[k], self.numbers[k], seen, np.zeros(seen.shape), np.zeros(1), work[0],
-                    np.zeros(numbers), np.zeros((3, samples)), work[1], np.zeros(r + 1),
+                    window_residuals.seconds, window_residuals.valid[k], self.numbers[k], seen, np.zeros(seen.shape),
+                    np.zeros(1), work[0], np.zeros(numbers), np.zeros((3, samples)), work[1], np.zeros(r + 1),
                 )  # fmt: skip
                 self._parts.append((w, k, call))
                 self._whitens.append(kind.whitens.row(call))

@@ -184,7 +184,9 @@ def _first_known(
 
 def _goes_on(scenario: Scenario, start: np.datetime64, period: float) -> bool:
     """Whether a window that begins so begins where a training window ends, whose state is known."""
-    return any(window_bounds(scenario.windows[own], period)[1] == start for own in scenario.train_windows)
+    return any(
+        window_bounds(scenario.windows[train_window], period)[1] == start for train_window in scenario.train_windows
+    )
 
 
 def _largest_heat(simulator: NetworkSimulator) -> str:
@@ -242,9 +244,9 @@ def _bridged(
         # A jump is as likely at each time between its samples.
         deviations = np.concatenate([np.full(len(gaps), deviation), sizes / np.sqrt(12.0)])
         spans = (np.clip(np.concatenate([gaps, jumps]), start, end) - start) / np.timedelta64(1, "ns") * 1e-9
-        for (begin, until), own in zip(spans.tolist(), deviations.tolist(), strict=True):
-            if until > begin and own > 0.0:
-                found.append(Bridged(name, begin, until, own))
+        for (begin, until), spread in zip(spans.tolist(), deviations.tolist(), strict=True):
+            if until > begin and spread > 0.0:
+                found.append(Bridged(name, begin, until, spread))
     return tuple(found)
 
 
@@ -344,7 +346,7 @@ def _typical_of_reduced(scenario: Scenario, first: dict[str, float]) -> dict[str
     stored = load_reduced(scenario.folder / model.reduced_model)
     found = initial_given(stored.model, first, scenario.initial_state.observed)
     kept = stored.simulator.nodes
-    return {name: own for name, own in found.items() if model.nodes[name].initial == kept[name].initial}
+    return {name: bounds for name, bounds in found.items() if model.nodes[name].initial == kept[name].initial}
 
 
 def initial_temperatures(scenario: Scenario) -> dict[str, float | None]:

@@ -85,8 +85,8 @@ def entries_of(scenario: Scenario, windows: Sequence[Window]) -> tuple[Entry, ..
     for window in windows:
         for name, prior in window.reads.items():
             if name.startswith("initial."):
-                own = _initial_name(name, window, len(windows))
-                initial.append(Entry(own, "K", prior, "initial", window=window.name))
+                full_name = _initial_name(name, window, len(windows))
+                initial.append(Entry(full_name, "K", prior, "initial", window=window.name))
             elif name not in shared:
                 shared[name] = _entry(scenario, name, prior)
     moving = [entry for name in moving_parameters(scenario) for entry in _moving(scenario, name, windows)]
@@ -154,9 +154,9 @@ class Moves(NamedTuple):
 
     def derivative(self, z: FloatArray, prior: PriorTerms, parameters: int) -> FloatArray:
         """Of what moves each of so many parameters by z [d], [p, d]."""
-        derivative, own = np.zeros((parameters, len(z))), self.score >= 0
+        derivative, upper = np.zeros((parameters, len(z))), self.score >= 0
         np.add.at(derivative, (self.parameter, self.factor), prior.slope[self.factor] * self._times(z))
-        np.add.at(derivative, (self.parameter[own], self.score[own]), prior.theta[self.factor[own]])
+        np.add.at(derivative, (self.parameter[upper], self.score[upper]), prior.theta[self.factor[upper]])
         return derivative
 
 
@@ -227,7 +227,7 @@ class Link:
 def link(entries: Sequence[Entry], windows: Sequence[Window], window: Window) -> Link:
     """Where a window's theta comes from; it need not be one of `windows`, which are calibrated on."""
     place = {entry.name: k for k, entry in enumerate(entries)}
-    among = any(own.name == window.name for own in windows)
+    among = any(each_window.name == window.name for each_window in windows)
 
     def column(name: str) -> int:
         if not name.startswith("initial."):
@@ -244,11 +244,11 @@ def link(entries: Sequence[Entry], windows: Sequence[Window], window: Window) ->
             terms.append((k, place[trend], -1, years / _slope(entries[place[name]].prior)))
         if drift in place:
             terms.append((k, place[drift], place.get(f"{drift}.{window.label}", -1), np.nan))
-    parameter, factor, score = np.array([own[:3] for own in terms], np.int64).reshape(-1, 3).T.copy()
+    parameter, factor, score = np.array([term[:3] for term in terms], np.int64).reshape(-1, 3).T.copy()
     return Link(
         columns,
         positions,
-        Moves(parameter, factor, score, np.array([own[3] for own in terms], float)),
+        Moves(parameter, factor, score, np.array([term[3] for term in terms], float)),
         Priors(tuple(moving), tuple(entries[k].prior for k in columns[positions])),
         Priors(window.names, tuple(window.reads.values())).median(),
     )
@@ -273,5 +273,5 @@ def _years_after(windows: Sequence[Window], window: Window) -> float:
 
 def middle_of(windows: Sequence[Window]) -> np.datetime64:
     """The mean of the middles of windows, UTC."""
-    middles = [own.start + timespan(0.5 * own.duration) for own in windows]
+    middles = [window.start + timespan(0.5 * window.duration) for window in windows]
     return np.datetime64(middles[0] + np.mean([middle - middles[0] for middle in middles]))

@@ -82,7 +82,7 @@ def functions_of_heat(problem: Problem) -> int:
     model = heat_in_prior(problem, windows)
     if model is None:
         return 0
-    return max(sum(len(own.series) for own in unit_heats(model, window)) for window in windows)
+    return max(sum(len(group_units.series) for group_units in unit_heats(model, window)) for window in windows)
 
 
 def dressed(window: Window, model: HeatModel) -> Window:
@@ -109,8 +109,11 @@ def with_heat(problem: Problem, model: HeatModel, theta: FloatArray) -> Problem:
 
     Raises SimulationFailure.
     """
-    held = {own.window: own for own in model.held}
-    sampled = (hold(own, held[own.name]) if own.name in held else own for own in sampled_windows(problem))
+    held = {held_window.window: held_window for held_window in model.held}
+    sampled = (
+        hold(sampled_window, held[sampled_window.name]) if sampled_window.name in held else sampled_window
+        for sampled_window in sampled_windows(problem)
+    )
     windows = tuple(_linearised(window, model, problem.at(window, theta)) for window in sampled)
     flown = tuple(dressed(window, model) for window in problem.windows)
     return Problem(problem.scenario, entries_of(problem.scenario, windows), windows, None, model, flown)
@@ -126,7 +129,9 @@ def followed(problem: Problem, theta: FloatArray) -> dict[str, Followed]:
     positive = problem.to_theta(np.full(len(z), -_FAR)) > 0.0
     precision = np.split(problem.heat_sizes(theta[None])[0][0] ** -2.0, len(problem.windows))
     white = problem.weighed.white
-    whole = sum(np.einsum("kti,kti,k->i", own, own, of) for own, of in zip(white, precision, strict=True))
+    whole = sum(
+        np.einsum("kti,kti,k->i", response, response, of) for response, of in zip(white, precision, strict=True)
+    )
     found = {}
     for k in problem.simulated.tolist():
         if not problem.entries[k].is_of_network:
@@ -135,10 +140,10 @@ def followed(problem: Problem, theta: FloatArray) -> dict[str, Followed]:
         there[k] += _TURNED
         moved = problem.to_theta(there)
         along = sum(
-            np.einsum("kti,kti,k->i", own, turned - own, of, optimize=True)
-            for own, turned, of in zip(white, _whitened(problem, moved), precision, strict=True)
+            np.einsum("kti,kti,k->i", response, turned - response, of, optimize=True)
+            for response, turned, of in zip(white, _whitened(problem, moved), precision, strict=True)
         )
-        x, at = (np.log(own[k]) if positive[k] else own[k] for own in (moved, theta))
+        x, at = (np.log(values[k]) if positive[k] else values[k] for values in (moved, theta))
         slope = np.divide(along, whole * (x - at), out=np.zeros_like(whole), where=whole > 0.0)
         found[problem.names[k]] = Followed(bool(positive[k]), float(at), slope)
     return found
@@ -188,9 +193,9 @@ def exact_heat(
         base = np.stack([run.temperatures for run in of_window])
         does = growth * (weights - model.centre)
         linear.append(base + np.einsum("tnm,sm->stn", window.heat.response, does, optimize=True))
-    samples = sum(own[0].size for own in linear)
+    samples = sum(linearised[0].size for linearised in linear)
     best, kept, stalled = np.full(len(thetas), np.inf), weights.copy(), 0
-    kept_runs = [np.full(own.shape, np.nan) for own in linear]
+    kept_runs = [np.full(linearised.shape, np.nan) for linearised in linear]
     points: list[FloatArray] = []
     steps: list[FloatArray] = []
     for _ in range(_CORRECTIONS + 1):
@@ -201,8 +206,8 @@ def exact_heat(
             missing = np.full(window.observed.shape, np.nan)
             with_heat = np.stack([missing if run is None else run.temperatures for run in found])
             simulated.append(with_heat + errors_of_weights(of_window, functions))
-        left = [wanted - own for wanted, own in zip(linear, simulated, strict=True)]
-        missed = sum((own**2).sum(axis=(1, 2)) for own in left)
+        left = [wanted - found_runs for wanted, found_runs in zip(linear, simulated, strict=True)]
+        missed = sum((residual**2).sum(axis=(1, 2)) for residual in left)
         better = missed < best
         # Of a draw that has not been simulated yet nobody knows how much it gains.
         known = np.isfinite(best)
@@ -211,13 +216,13 @@ def exact_heat(
         stalled = stalled + 1 if little else 0
         best = np.where(better, missed, best)
         kept[better] = weights[better]
-        for own, new in zip(kept_runs, simulated, strict=True):
-            own[better] = new[better]
+        for kept_run, new in zip(kept_runs, simulated, strict=True):
+            kept_run[better] = new[better]
         reached = best[np.isfinite(best)]
         if stalled == _STALLED or (len(reached) and reached.mean() < samples * within**2):
             break
         points = [*points, weights][-_REMEMBERED:]
-        steps = [*steps, gains([np.nan_to_num(own) for own in left]) / growth][-_REMEMBERED:]
+        steps = [*steps, gains([np.nan_to_num(residual) for residual in left]) / growth][-_REMEMBERED:]
         weights = mixed(np.stack(points, axis=1), np.stack(steps, axis=1))
     return ExactHeat(kept, tuple(kept_runs), tuple(linear))
 

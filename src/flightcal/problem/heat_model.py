@@ -160,12 +160,12 @@ class HeatModel:
 
     def follows_of(self, names: Sequence[str]) -> Follows | None:
         """How the response follows those of the entries of a window's theta with these names."""
-        found = {name: own for name, own in self.followed.items() if name in names}
+        found = {name: follower for name, follower in self.followed.items() if name in names}
         if not found:
             return None
-        logarithmic = np.array([own.logarithmic for own in found.values()])
-        at = np.array([own.at for own in found.values()])
-        slope = np.stack([own.slope for own in found.values()], axis=1)
+        logarithmic = np.array([follower.logarithmic for follower in found.values()])
+        at = np.array([follower.at for follower in found.values()])
+        slope = np.stack([follower.slope for follower in found.values()], axis=1)
         return Follows(tuple(found), logarithmic, at, slope, self.centre)
 
     @property
@@ -207,12 +207,14 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
         if harmonics:
             # A pattern wanders more the larger it is: its weights have the pattern's size.
             of_pattern = written.slow.of_pattern
-            groups += [replace(own, part="slow_pattern") for own in groups if own.part == "pattern"]
+            groups += [replace(group, part="slow_pattern") for group in groups if group.part == "pattern"]
     for window in windows:
         if window.switching is not None and (len(window.switching.time) or window.unmeasured):
             groups.append(Group("switches", "", 1.0, window=window.name))
-    groups += [own for window in windows for own in own_groups(window, gains)]
-    groups += [Group("error", "", 1.0, window=own.name) for own in windows if own.simulator.error_basis is not None]
+    groups += [group for window in windows for group in own_groups(window, gains)]
+    groups += [
+        Group("error", "", 1.0, window=window.name) for window in windows if window.simulator.error_basis is not None
+    ]
     over = (written.pattern and written.pattern.over) or ""
     return HeatModel(nodes, flow, origin, harmonics, over, profile, slow, of_pattern, gains, tuple(groups))
 
@@ -230,9 +232,9 @@ def _profile(course: Course | None) -> Profile | None:
 def own_groups(window: Window, gains: Sequence[Gain]) -> tuple[Group, ...]:
     """What is unknown of a window's own inputs: when modes change, and what flows while drivers have gaps."""
     found: list[Part] = []
-    if any(uncertainty(window, own) and heat_changed(own, gains) for own in window.changes):
+    if any(uncertainty(window, change) and heat_changed(change, gains) for change in window.changes):
         found.append("changes")
-    if any(own.columns == (f"driver.{gap.load}",) for gap in window.bridged for own in gains):
+    if any(gain.columns == (f"driver.{gap.load}",) for gap in window.bridged for gain in gains):
         found.append("gaps")
     return tuple(Group(part, "", 1.0, window=window.name) for part in found)
 
@@ -299,4 +301,4 @@ def _gains(columns: Sequence[str], brought: FloatArray) -> tuple[Gain, ...]:
             found.setdefault((int(k), kind), []).append((column, watts))
         elif kind in ("mode", "driver"):
             found.setdefault((int(k), f"{kind}.{which}"), []).append((column, watts))
-    return tuple(Gain(k, tuple(c for c, _ in own), tuple(w for _, w in own)) for (k, _), own in found.items())
+    return tuple(Gain(k, tuple(c for c, _ in series), tuple(w for _, w in series)) for (k, _), series in found.items())

@@ -114,12 +114,12 @@ def _in_steps(weights: csr_array, values: FloatArray) -> FloatArray:
     return in_order.reshape(len(values), weights.shape[0])
 
 
-def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
+def _switch_heats(model: HeatModel, window: Window, whole: bool) -> Units:
     """What a shift of each switch by its deviation adds: the power of its heaters for that time, around the switch."""
     assert window.network is not None
     switching, grid = window.switching, window.network.drive.times
     shares, series = [np.empty((0, len(model.nodes)))], [np.empty((0, 2 * (len(grid) - 1)))]
-    for k in heated_switches(model, window) if own else ():
+    for k in heated_switches(model, window) if whole else ():
         assert switching is not None
         watts = heater_watts(model, window, switching.heater[k])
         power = max(watts.sum(), LEAST_POWER)
@@ -128,7 +128,7 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
         inside = _inside(time - 0.5 * interval, time + 0.5 * interval, grid)
         series.append(np.repeat(power / np.sqrt(12.0) * inside, 2)[None])
         shares.append(watts[None] / power)
-    for heater in window.unmeasured if own else ():
+    for heater in window.unmeasured if whole else ():
         watts = heater_watts(model, window, window.network.heaters[heater])
         on = np.nan_to_num(window.network.drive.measured[:, heater])
         spells = int((np.diff(on, prepend=0.0) > 0.0).sum())
@@ -143,12 +143,12 @@ def _inside(begin: float, end: float, grid: FloatArray) -> FloatArray:
     return np.diff(np.clip(grid, begin, end)) / np.diff(grid)
 
 
-def _change_heats(model: HeatModel, window: Window, own: bool) -> Units:
+def _change_heats(model: HeatModel, window: Window, whole: bool) -> Units:
     """What each change of mode adds that is early by the deviation of a time: the heat that it changes, for so long."""
     assert window.network is not None
     grid = window.network.drive.times
     found: list[tuple[float, FloatArray, FloatArray]] = []
-    for change in window.changes if own else ():
+    for change in window.changes if whole else ():
         step = np.zeros(len(model.nodes))
         for node, watts in heat_changed(change, model.gains).items():
             step[node] = watts
@@ -176,7 +176,7 @@ def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
     if window.switching is None:
         return ()
     switched = {name: window.scenario.network.on_switch(name).values() for name in set(window.switching.heater)}
-    heated = {name for name, blocks in switched.items() if any(own.node in model.nodes for own in blocks)}
+    heated = {name for name, blocks in switched.items() if any(heater.node in model.nodes for heater in blocks)}
     return tuple(k for k, name in enumerate(window.switching.heater) if name in heated)
 
 
@@ -185,11 +185,13 @@ def shifts_of_weights(model: HeatModel, window: Window, weights: Sequence[FloatA
 
     weights: [..., f] of each group's functions.
     """
-    for group, own in zip(model.groups, weights, strict=True):
+    for group, group_weights in zip(model.groups, weights, strict=True):
         if group.part == "switches" and group.window == window.name and window.switching is not None:
-            shifts = np.zeros((*own.shape[:-1], len(window.switching.interval)))
+            shifts = np.zeros((*group_weights.shape[:-1], len(window.switching.interval)))
             uncertain = np.array(heated_switches(model, window), np.int64)
-            shifts[..., uncertain] = own[..., : len(uncertain)] * window.switching.interval[uncertain] / np.sqrt(12.0)
+            shifts[..., uncertain] = (
+                group_weights[..., : len(uncertain)] * window.switching.interval[uncertain] / np.sqrt(12.0)
+            )
             return shifts
     return np.zeros((*weights[0].shape[:-1], 0))
 
@@ -197,18 +199,18 @@ def shifts_of_weights(model: HeatModel, window: Window, weights: Sequence[FloatA
 def heater_watts(model: HeatModel, window: Window, heater: str) -> FloatArray:
     """[h] W into each of the model's nodes while a heater is on, as the scenario writes it."""
     watts = np.zeros(len(model.nodes))
-    for own in window.scenario.network.on_switch(heater).values():
-        if own.node in model.nodes:
-            watts[model.nodes.index(own.node)] += own.power
+    for block in window.scenario.network.on_switch(heater).values():
+        if block.node in model.nodes:
+            watts[model.nodes.index(block.node)] += block.power
     return watts
 
 
-def _gap_heats(model: HeatModel, window: Window, own: bool) -> Units:
+def _gap_heats(model: HeatModel, window: Window, whole: bool) -> Units:
     """What a driver's deviation adds through its load, in each piece of a gap."""
     assert window.network is not None
     grid = window.network.drive.times
     found: list[tuple[float, int, FloatArray]] = []
-    for gap in window.bridged if own else ():
+    for gap in window.bridged if whole else ():
         edges = np.linspace(gap.begin, gap.end, 1 + max(1, round((gap.end - gap.begin) / _PIECE)))
         for gain in model.gains:
             if gain.columns != (f"driver.{gap.load}",):
@@ -221,11 +223,11 @@ def _gap_heats(model: HeatModel, window: Window, own: bool) -> Units:
     return Units(_one_node(model, [piece[1] for piece in found]), series)
 
 
-def _errors(model: HeatModel, window: Window, own: bool) -> Units:
+def _errors(model: HeatModel, window: Window, whole: bool) -> Units:
     """The shapes of the simulator's error, each of its prior size."""
     assert window.network is not None
     basis, variance = window.network.error_basis, window.network.error_variance
-    if basis is None or not own:
+    if basis is None or not whole:
         basis, variance = np.empty((*window.observed.shape, 0)), np.empty(0)
     series = np.zeros((len(variance), 2 * (len(window.network.drive.times) - 1)))
     return Units(np.zeros((len(variance), len(model.nodes))), series, basis * np.sqrt(variance))
@@ -234,9 +236,9 @@ def _errors(model: HeatModel, window: Window, own: bool) -> Units:
 def errors_of_weights(units: Sequence[Units], weights: Sequence[FloatArray]) -> FloatArray | float:
     """The simulator's errors [..., T, N] K of weights [..., f] of each group's functions; 0.0: it has none."""
     found: FloatArray | float = 0.0
-    for own, of_group in zip(units, weights, strict=True):
-        if own.error is not None:
-            found = found + np.einsum("tnf,...f->...tn", own.error, of_group[..., : len(own.series)])
+    for group_units, of_group in zip(units, weights, strict=True):
+        if group_units.error is not None:
+            found = found + np.einsum("tnf,...f->...tn", group_units.error, of_group[..., : len(group_units.series)])
     return found
 
 
@@ -244,16 +246,16 @@ def heat_of_weights(model: HeatModel, units: Sequence[Units], weights: Sequence[
     """Heat [..., h, 2 K] W of weights [..., f] of each group's functions."""
     leading = weights[0].shape[:-1]
     heat = np.zeros((*leading, len(model.nodes), units[0].series.shape[1]))
-    for own, of_group in zip(units, weights, strict=True):
-        for node in np.flatnonzero(own.share.any(axis=0)):
-            here = np.flatnonzero(own.share[:, node])
-            heat[..., node, :] += (of_group[..., here] * own.share[here, node]) @ own.series[here]
+    for group_units, of_group in zip(units, weights, strict=True):
+        for node in np.flatnonzero(group_units.share.any(axis=0)):
+            here = np.flatnonzero(group_units.share[:, node])
+            heat[..., node, :] += (of_group[..., here] * group_units.share[here, node]) @ group_units.series[here]
     return heat
 
 
 def split(model: HeatModel, kept: FloatArray) -> list[FloatArray]:
     """Weights [..., f] of each group's functions from those [..., m] of the kept directions."""
-    ends = np.cumsum([own.shape[1] for own in model.kept])
+    ends = np.cumsum([directions.shape[1] for directions in model.kept])
     return [part @ basis.T for basis, part in zip(model.kept, np.split(kept, ends[:-1], axis=-1), strict=True)]
 
 
@@ -295,8 +297,8 @@ def responses(
     Raises SimulationFailure.
     """
     assert window.network is not None
-    series = np.concatenate([own.series for own in units])
-    share = np.concatenate([own.share for own in units])
+    series = np.concatenate([group_units.series for group_units in units])
+    share = np.concatenate([group_units.share for group_units in units])
     # Of the node whose flow it changes most.
     largest = np.abs(series).max(axis=1, initial=0.0) * (np.abs(share) / model.flow).max(axis=1)
     # Months after another window, what was slow there has fallen to numbers that cannot be divided by.
@@ -323,8 +325,11 @@ def responses(
         # Where all of them do something a slice is filled, which takes a tenth of the time.
         whole = part[-1] - part[0] + 1 == len(part)
         found[..., slice(part[0], part[-1] + 1) if whole else part] = read(np.moveaxis(changes, 0, 2))
-    of_heat = np.split(found, np.cumsum([len(own.series) for own in units])[:-1], axis=-1)
-    return [heat if own.error is None else read(own.error) for own, heat in zip(units, of_heat, strict=True)]
+    of_heat = np.split(found, np.cumsum([len(group_units.series) for group_units in units])[:-1], axis=-1)
+    return [
+        heat if group_units.error is None else read(group_units.error)
+        for group_units, heat in zip(units, of_heat, strict=True)
+    ]
 
 
 def responses_in(
@@ -334,16 +339,25 @@ def responses_in(
 
     Raises SimulationFailure.
     """
-    combined = [_in_directions(own, basis) for own, basis in zip(units, bases, strict=True)]
-    found = responses(window, theta, model, [own or one for own, one in zip(combined, units, strict=True)])
-    kept = [of if own else of @ basis[: of.shape[2]] for own, of, basis in zip(combined, found, bases, strict=True)]
+    combined = [_in_directions(group_units, basis) for group_units, basis in zip(units, bases, strict=True)]
+    found = responses(
+        window, theta, model, [combined_units or one for combined_units, one in zip(combined, units, strict=True)]
+    )
+    kept = [
+        of if combined_units else of @ basis[: of.shape[2]]
+        for combined_units, of, basis in zip(combined, found, bases, strict=True)
+    ]
     return np.concatenate(kept, axis=2)
 
 
-def _in_directions(own: Units, basis: FloatArray) -> Units | None:
+def _in_directions(group_units: Units, basis: FloatArray) -> Units | None:
     """Heat of one node in the directions of a basis [f, k]; None: it is not all of one."""
-    one_node = own.error is None and len(own.share) > 0 and bool((own.share == own.share[0]).all())
+    one_node = (
+        group_units.error is None
+        and len(group_units.share) > 0
+        and bool((group_units.share == group_units.share[0]).all())
+    )
     if not one_node:
         return None
-    series = basis[: len(own.series)].T @ own.series
-    return Units(np.repeat(own.share[:1], len(series), axis=0), series)
+    series = basis[: len(group_units.series)].T @ group_units.series
+    return Units(np.repeat(group_units.share[:1], len(series), axis=0), series)

@@ -29,8 +29,8 @@ def held_by(window: Window, theta: FloatArray) -> Held | None:
     run = integrate(simulator.network.structure, simulator.system(theta[window.simulated]), drive, derivative=False)
     gaps, on, switches = [], [], []
     for heater in np.unique(heaters).tolist():
-        own = np.sort(steps[heaters == heater])
-        for gap in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
+        switched = np.sort(steps[heaters == heater])
+        for gap in np.split(switched, np.flatnonzero(np.diff(switched) > 1) + 1):
             first, moments = _in_gap(drive, run.switches, run.status, heater, gap)
             edges = [float(drive.times[gap[0]]), *(time for time, _ in moments), float(drive.times[gap[-1] + 1])]
             gaps.append((edges[0], edges[-1], heater))
@@ -65,8 +65,8 @@ def with_other(held: Held, heater: int, on: Sequence[tuple[float, float]], withi
     """
     gaps = [(begin, end) for begin, end, which in held.gaps if which == heater]
     edges = {time for span in on for time in span} - {time for gap in gaps for time in gap}
-    spans = [own for own in held.on if own[2] != heater] + [(begin, end, heater) for begin, end in on]
-    switches = [own for own in held.switches if own[1] != heater]
+    spans = [stretch for stretch in held.on if stretch[2] != heater] + [(begin, end, heater) for begin, end in on]
+    switches = [switch for switch in held.switches if switch[1] != heater]
     switches += [(time, heater, within[time]) for time in edges]
     return Held(held.window, held.gaps, tuple(sorted(spans)), tuple(sorted(switches)))
 
@@ -81,11 +81,11 @@ def hold(window: Window, held: Held) -> Window:
     for spans, state in ((held.gaps, 0.0), (held.on, 1.0)):
         for begin, end, heater in spans:
             measured[(middle > begin) & (middle < end), heater] = state
-    own = window.switching
+    switches = window.switching
     switching = Switching(
-        np.concatenate([own.time, [time for time, _, _ in held.switches]]),
-        np.concatenate([own.interval, [within for _, _, within in held.switches]]),
-        (*own.heater, *(heaters[heater] for _, heater, _ in held.switches)),
+        np.concatenate([switches.time, [time for time, _, _ in held.switches]]),
+        np.concatenate([switches.interval, [within for _, _, within in held.switches]]),
+        (*switches.heater, *(heaters[heater] for _, heater, _ in held.switches)),
     )
     simulator = replace(window.network, drive=replace(drive, measured=measured))
     status = window.status.copy()

@@ -140,17 +140,17 @@ def native_density(
         np.zeros(1 + 2 * len(windows)), np.empty(1), np.empty(d),
     )  # fmt: skip
     made = [
-        _Window(window, own, place, place.values[1 + 2 * k :])
-        for k, (window, own) in enumerate(zip(windows, links, strict=True))
+        _Window(window, link, place, place.values[1 + 2 * k :])
+        for k, (window, link) in enumerate(zip(windows, links, strict=True))
     ]
     bent = () if coordinates.straight is None else coordinates.straight.rows(z, z_bar)
-    likelihood = likelihood_calls([window.terms for window in windows], [own.memory for own in made])
+    likelihood = likelihood_calls([window.terms for window in windows], [window.memory for window in made])
     rows = [begin.row(place), *bent[:1], priors.row(z, theta, slope, z_bar, place.values[:1])]
-    for own, of_temperatures in zip(made, likelihood.forward, strict=True):
-        rows += [*own.forward, *of_temperatures, *own.status]
+    for window, of_temperatures in zip(made, likelihood.forward, strict=True):
+        rows += [*window.forward, *of_temperatures, *window.status]
     rows += likelihood.close
-    for own, of_temperatures in zip(made, likelihood.backward, strict=True):
-        rows += [*of_temperatures, *own.backward]
+    for window, of_temperatures in zip(made, likelihood.backward, strict=True):
+        rows += [*of_temperatures, *window.backward]
     return NativeDensity(Program([*rows, *bent[1:], end.row(place)]), place)
 
 

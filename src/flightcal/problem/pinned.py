@@ -48,7 +48,7 @@ def pinned(
             series[told] = smoothed(telemetry, switch.measured_by)
         channels[told] = Channel(column=told, kind="status")
         heaters[name] = switch.model_copy(update={"measured_by": told})
-        for node in sorted({own.node for own in model.on_switch(name).values()}):
+        for node in sorted({heater.node for heater in model.on_switch(name).values()}):
             channel, capacity = f"{PIN}{node}", model.nodes[node].capacity
             if channel in nodes or capacity is None:
                 continue
@@ -61,12 +61,16 @@ def pinned(
     update: dict[str, Any] = {"nodes": nodes, "heaters": heaters, "conductors": (*model.conductors, *conductors)}
     read = scenario.telemetry.model_copy(update={"channels": channels})
     held = scenario.model_copy(update={"simulator": model.model_copy(update=update), "telemetry": read})
-    return held, telemetry.assign({name: ("time", own, _ANY_GAP) for name, own in series.items()})
+    return held, telemetry.assign({name: ("time", values, _ANY_GAP) for name, values in series.items()})
 
 
 def _channels(scenario: Scenario) -> dict[str, str]:
     """Of each node that is read, a channel that reads it."""
-    return {own.node: channel for channel, own in scenario.observations.items() if own.node is not None}
+    return {
+        observation.node: channel
+        for channel, observation in scenario.observations.items()
+        if observation.node is not None
+    }
 
 
 def unseen_heaters(
@@ -85,7 +89,10 @@ def unseen_heaters(
         return ()
     inside, found = [telemetry.sel(time=slice(*span)) for span in spans], []
     for name, switch in model.switches.items():
-        status, places = switch.measured_by, {switch.sensor, *(own.node for own in model.on_switch(name).values())}
+        status, places = (
+            switch.measured_by,
+            {switch.sensor, *(heater.node for heater in model.on_switch(name).values())},
+        )
         unseen = name in fast or (status is not None and is_blurred(telemetry, status))
         if unseen and places <= set(channel_of):
             gaps = (_gaps(window, channel_of[node]) for window in inside for node in places)
@@ -105,7 +112,7 @@ def pinned_heaters(scenario: Scenario) -> tuple[str, ...]:
     model = scenario.simulator
     if not isinstance(model, SimulatorModel):
         return ()
-    return tuple(name for name, own in model.switches.items() if (own.measured_by or "").startswith(PIN))
+    return tuple(name for name, heater in model.switches.items() if (heater.measured_by or "").startswith(PIN))
 
 
 def pinned_nodes(scenario: Scenario) -> set[str]:
@@ -153,9 +160,9 @@ def fast_heaters(windows: Iterable[Window]) -> set[str]:
         except SimulationFailure:
             continue
         for k, name in zip(window.unmeasured, names, strict=True):
-            own = switches.heater == k
-            at, on = switches.time[own], switches.on[own][:-1] > 0.5
-            cycles, spells = np.diff(at[switches.on[own] > 0.5]), np.diff(at)
+            switches_of = switches.heater == k
+            at, on = switches.time[switches_of], switches.on[switches_of][:-1] > 0.5
+            cycles, spells = np.diff(at[switches.on[switches_of] > 0.5]), np.diff(at)
             is_fast = len(cycles) and np.median(cycles) < _FAST * window.interval
             is_brief = any(some.any() and np.median(spells[some]) < _BRIEF * window.interval for some in (on, ~on))
             if is_fast or (len(cycles) and is_brief):

@@ -86,7 +86,10 @@ class Problem:
     def simulated(self) -> IntArray:
         """Positions in theta of what simulations depend on."""
         found = np.concatenate(
-            [own.columns[window.simulated] for window, own in zip(self.windows, self.links, strict=True)]
+            [
+                window_link.columns[window.simulated]
+                for window, window_link in zip(self.windows, self.links, strict=True)
+            ]
         )
         drifts = [k for k, entry in enumerate(self.entries) if entry.kind == "drift"]
         return np.unique(np.concatenate([found, np.array(drifts, dtype=np.int64)]))
@@ -125,9 +128,9 @@ class Problem:
 
     def _link(self, window: Window) -> Link:
         """That of `links`, where the window or one in its place (an emulator's) is among these."""
-        for known, own in zip(self.windows, self.links, strict=True):
+        for known, window_link in zip(self.windows, self.links, strict=True):
             if (known.name, known.names) == (window.name, window.names):
-                return own
+                return window_link
         return link(self.entries, self.windows, window)
 
     def nearest(self, start: np.datetime64) -> Window:
@@ -171,16 +174,16 @@ class Problem:
         """
         inside = [self.at(window, thetas) for window in self.windows]
         if self.heat is None:
-            return np.stack([self._replicate(*own, rng) for own in zip(zip(*inside, strict=True), runs, strict=True)])
+            return np.stack([self._replicate(*pair, rng) for pair in zip(zip(*inside, strict=True), runs, strict=True)])
         gains = Gains([window.terms for window in self.windows], self.weighed, *self.heat_sizes(thetas))
         left = self.heat_left(runs, thetas)
         weights = gains.draw(left, rng)
         parts = []
-        for window, of_window, own in zip(self.windows, inside, left, strict=True):
+        for window, of_window, residual in zip(self.windows, inside, left, strict=True):
             assert window.heat is not None
             noise = np.stack([window.residuals.draw_noise(window.numbers(theta), rng) for theta in of_window])
             does = np.einsum("tnm,sm->stn", window.heat.response, weights, optimize=True)
-            parts.append(window.observed - own + does + noise)
+            parts.append(window.observed - residual + does + noise)
         return np.concatenate(parts, axis=1)
 
     def _replicate(self, thetas: Sequence[FloatArray], runs: Runs, rng: np.random.Generator) -> FloatArray:
@@ -222,7 +225,7 @@ class Problem:
         """
         prior = self.priors.at(z)
         try:
-            inside = [(window, own.theta) for window, own in self._inside(z, prior)]
+            inside = [(window, prior_terms.theta) for window, prior_terms in self._inside(z, prior)]
             if runs is None:
                 runs = tuple(window.simulate(theta) for window, theta in inside)
             value = float(prior.log_density) + self._of_residuals(runs, [theta for _, theta in inside])[0]
@@ -261,28 +264,30 @@ class Problem:
             return -np.inf, np.zeros_like(z)
         value, cotangents = self._of_residuals([run for run, _ in linear], [at.theta for _, at in inside])
         value += float(prior.log_density)
-        for (window, at), own, (run, cotangent), bars in zip(inside, self.links, linear, cotangents, strict=True):
+        for (window, at), window_link, (run, cotangent), bars in zip(
+            inside, self.links, linear, cotangents, strict=True
+        ):
             added, theta_bar = window.pull_back(at.theta, run, cotangent, bars)
             value += added
-            gradient += own.pull_back(z, prior, at.slope * theta_bar)
+            gradient += window_link.pull_back(z, prior, at.slope * theta_bar)
         return value, gradient
 
     def _with_thresholds(self, z: FloatArray, value: float, gradient: FloatArray) -> tuple[float, FloatArray]:
         prior, gradient = self.priors.at(z), gradient.copy()
-        for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
+        for (window, inside), window_link in zip(self._inside(z, prior), self.links, strict=True):
             if window.measured_switches is not None:
                 added, scaled, pull_back = window.at_thresholds(inside.theta)
-                gradient -= own.pull_back(z, prior, inside.slope * pull_back(scaled))
+                gradient -= window_link.pull_back(z, prior, inside.slope * pull_back(scaled))
                 value += added
         return value, gradient
 
     def likelihood_of_numbers(self, runs: Runs, theta: FloatArray) -> tuple[float, FloatArray]:
         """Log likelihood of simulations at theta [d], and its gradient [d] by noise and discrepancy alone."""
-        inside = [own.thetas(theta, self.priors, None) for own in self.links]
+        inside = [window_link.thetas(theta, self.priors, None) for window_link in self.links]
         value, bars = self._of_residuals(runs, inside)
         theta_bar = np.zeros(len(self.names))
-        for window, own, of_window in zip(self.windows, self.links, bars, strict=True):
-            np.add.at(theta_bar, own.columns, window.by_numbers(of_window.numbers, None, of_window.scales))
+        for window, window_link, of_window in zip(self.windows, self.links, bars, strict=True):
+            np.add.at(theta_bar, window_link.columns, window.by_numbers(of_window.numbers, None, of_window.scales))
         return value, theta_bar
 
     @cached_property
@@ -300,8 +305,8 @@ class Problem:
             return likelihood(*given)
 
     def _inside(self, z: FloatArray, prior: PriorTerms) -> Iterator[tuple[Window, PriorTerms]]:
-        for window, own in zip(self.windows, self.links, strict=True):
-            yield window, own.at(z, prior)
+        for window, window_link in zip(self.windows, self.links, strict=True):
+            yield window, window_link.at(z, prior)
 
     @cached_property
     def _densities(self) -> Spare[NativeDensity | None]:
@@ -328,14 +333,16 @@ class Problem:
 
     def jacobians_of(self, place: int, z: FloatArray) -> FloatArray:
         """d temperatures / d z of one window, [T, N, d]. Raises SimulationFailure."""
-        own = self.links[place]
-        inside = self._jacobian(self.windows[place], own, z)
-        return np.einsum("tna,ab->tnb", inside, own.derivative(z, self.priors.at(z)))
+        window_link = self.links[place]
+        inside = self._jacobian(self.windows[place], window_link, z)
+        return np.einsum("tna,ab->tnb", inside, window_link.derivative(z, self.priors.at(z)))
 
-    def _jacobian(self, window: Window, own: Link, z: FloatArray) -> FloatArray:
+    def _jacobian(self, window: Window, window_link: Link, z: FloatArray) -> FloatArray:
         """d temperatures / d coordinates of one window, [T, N, q]."""
-        coordinates = own.coordinates(z, self.priors.to_theta(z))
-        return window.jacobian(Priors(window.names, tuple(self.entries[k].prior for k in own.columns)), coordinates)
+        coordinates = window_link.coordinates(z, self.priors.to_theta(z))
+        return window.jacobian(
+            Priors(window.names, tuple(self.entries[k].prior for k in window_link.columns)), coordinates
+        )
 
     def gauss_newton_hessian(self, z: FloatArray, beside: Sequence[FloatArray] | None = None) -> FloatArray:
         """Gauss-Newton approximation [d, d] of minus the Hessian of the log density at z: priors and windows.
@@ -350,8 +357,8 @@ class Problem:
             hessian[:d, :d] += self._curvature_beside_heat(z, prior)
         else:
             hessian = self._information(z, prior, moved)
-        for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
-            derivative = own.derivative(z, prior)
+        for (window, inside), window_link in zip(self._inside(z, prior), self.links, strict=True):
+            derivative = window_link.derivative(z, prior)
             found = window.status_information(inside)
             if self.heat is None:
                 found += window.noise_information(inside)
@@ -363,8 +370,8 @@ class Problem:
         self, z: FloatArray, prior: PriorTerms, beside: Sequence[FloatArray] | None
     ) -> Iterator[tuple[FloatArray, FloatArray]]:
         """d temperatures / d coordinates and what is beside these, [T, N, q + m], and of these by z and that."""
-        for k, (window, own) in enumerate(zip(self.windows, self.links, strict=True)):
-            jacobian, derivative = self._jacobian(window, own, z), own.derivative(z, prior)
+        for k, (window, window_link) in enumerate(zip(self.windows, self.links, strict=True)):
+            jacobian, derivative = self._jacobian(window, window_link, z), window_link.derivative(z, prior)
             if beside is None:
                 yield jacobian, derivative
             else:
@@ -396,23 +403,23 @@ class Problem:
         left = [np.stack([window.target - run.temperatures for run in of_window]) for window, of_window in by_window]
         more = self.heat_growth(thetas) - 1.0
         if self.heat is not None and more.any():
-            for own, window in zip(left, self.windows, strict=True):
+            for residual, window in zip(left, self.windows, strict=True):
                 assert window.heat is not None
-                own += np.einsum("tnm,sm->stn", window.heat.response, more * self.heat.centre, optimize=True)
+                residual += np.einsum("tnm,sm->stn", window.heat.response, more * self.heat.centre, optimize=True)
         return left
 
     def heat_growth(self, thetas: FloatArray) -> FloatArray:
         """[S, m] by how much more each weight of heat does at thetas [S, d] than where the response was looked at."""
-        return np.stack([self.windows[0].growth(own) for own in self.at(self.windows[0], thetas)])
+        return np.stack([self.windows[0].growth(numbers) for numbers in self.at(self.windows[0], thetas)])
 
     def heat_sizes(self, thetas: FloatArray) -> tuple[FloatArray, FloatArray]:
         """At thetas [S, d]: deviations [S, P] of the noise of each window's channels, and of the weights [S, m]."""
         inside = [self.at(window, thetas) for window in self.windows]
         parts = [
-            np.stack([window.numbers(own)[:, DEVIATION] for own in thetas_of])
+            np.stack([window.numbers(value)[:, DEVIATION] for value in thetas_of])
             for window, thetas_of in zip(self.windows, inside, strict=True)
         ]
-        return np.concatenate(parts, axis=1), np.stack([self.windows[0].roots(own) for own in inside[0]])
+        return np.concatenate(parts, axis=1), np.stack([self.windows[0].roots(value) for value in inside[0]])
 
     def _information_beside_heat(
         self, z: FloatArray, prior: PriorTerms, moved: Sequence[tuple[FloatArray, FloatArray]]
@@ -437,20 +444,22 @@ class Problem:
     def _curvature_beside_heat(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
         """Curvature [d, d] of the log likelihood in the sizes of noise and heat, bent to be positive: differences."""
         runs = self.simulate(prior.theta)
-        own = np.array([k for k, entry in enumerate(self.entries) if entry.kind in ("noise", "heat")], dtype=np.int64)
+        of_noise = np.array(
+            [k for k, entry in enumerate(self.entries) if entry.kind in ("noise", "heat")], dtype=np.int64
+        )
         columns = []
-        for k in own:
+        for k in of_noise:
             slopes = []
             for sign in (1.0, -1.0):
                 moved = z.copy()
                 moved[k] += sign * _DIFFERENCE
                 at = self.priors.at(moved)
-                slopes.append((at.slope * self.likelihood_of_numbers(runs, at.theta)[1])[own])
+                slopes.append((at.slope * self.likelihood_of_numbers(runs, at.theta)[1])[of_noise])
             columns.append((slopes[1] - slopes[0]) / (2.0 * _DIFFERENCE))
-        found = np.reshape(columns, (len(own), len(own)))
+        found = np.reshape(columns, (len(of_noise), len(of_noise)))
         eigenvalues, directions = np.linalg.eigh(0.5 * (found + found.T))
         curvature = np.zeros((len(z), len(z)))
-        curvature[np.ix_(own, own)] = (directions * np.abs(eigenvalues)) @ directions.T
+        curvature[np.ix_(of_noise, of_noise)] = (directions * np.abs(eigenvalues)) @ directions.T
         return curvature
 
     def weights(self, runs: Runs, thetas: Sequence[FloatArray]) -> list[tuple[FloatArray, FloatArray]]:

@@ -49,11 +49,11 @@ def with_drawn_heat(problem: Problem, rng: np.random.Generator) -> tuple[Problem
     for window in problem.windows:
         assert window.network is not None
         units = unit_heats(model, window)
-        for g, (group, own) in enumerate(zip(model.groups, units, strict=True)):
+        for g, (group, group_units) in enumerate(zip(model.groups, units, strict=True)):
             if g not in shared or group.window:
                 # Switches happen where thermostats switch, and the simulator's error is no heat.
                 scale = sizes.get(group.scale, 1.0 if group.part in ("gaps", "changes") else 0.0)
-                shared[g] = scale * rng.standard_normal(len(own.series))
+                shared[g] = scale * rng.standard_normal(len(group_units.series))
         heat = heat_of_weights(model, units, [shared[g] for g in range(len(units))])
         windows.append(replace(window, simulator=window.network.with_heat(heat)))
     return replace(problem, windows=tuple(windows)), sizes
@@ -86,11 +86,13 @@ def _status(window: Window, run: Trajectory, theta: FloatArray, rng: np.random.G
     seconds = (window.times - window.start) / np.timedelta64(1, "ns") * 1e-9
     for heater, place in zip(data.samples.heater, data.samples.setting, strict=True):
         timing, error_rate = settings[place], settings[place + 1]
-        own = run.switches.heater == heater
-        if own.any():
+        of_heater = run.switches.heater == heater
+        if of_heater.any():
             # None happens before the one before it.
-            happened = np.maximum.accumulate(run.switches.time[own] + timing * rng.standard_normal(own.sum()))
-            states = np.concatenate([1.0 - run.switches.on[own][:1], run.switches.on[own]])
+            happened = np.maximum.accumulate(
+                run.switches.time[of_heater] + timing * rng.standard_normal(of_heater.sum())
+            )
+            states = np.concatenate([1.0 - run.switches.on[of_heater][:1], run.switches.on[of_heater]])
             status[:, heater] = states[np.searchsorted(happened, seconds, side="right")]
         wrong = rng.random(len(seconds)) < error_rate
         status[wrong, heater] = 1.0 - status[wrong, heater]

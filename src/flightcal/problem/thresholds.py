@@ -51,13 +51,13 @@ class Passages:
 
     def of(self, rows: IntArray) -> Passages:
         """Of some of the draws."""
-        on, off = (own[rows] for own in self.reached)
+        on, off = (values[rows] for values in self.reached)
         return replace(self, reached=(on, off), middle=self.middle[rows])
 
     @staticmethod
     def joined(parts: Sequence[Passages]) -> Passages:
         """Of the draws of all parts."""
-        on, off = (np.concatenate(own) for own in zip(*(part.reached for part in parts), strict=True))
+        on, off = (np.concatenate(arrays) for arrays in zip(*(part.reached for part in parts), strict=True))
         return replace(parts[0], reached=(on, off), middle=np.concatenate([part.middle for part in parts]))
 
     @property
@@ -115,7 +115,7 @@ def passages(window: Window, thetas: FloatArray, heat: FloatArray | None, shifts
             found.append(Passages((none, none), (np.zeros(0, bool),) * 2, middle))
             continue
         sides = [_switches(window, heater, shifts, on=on) for on in (True, False)]
-        on, off = (_reached(seconds, of_heater, own, sign) for own, sign in zip(sides, _SIGNS, strict=True))
+        on, off = (_reached(seconds, of_heater, switches, sign) for switches, sign in zip(sides, _SIGNS, strict=True))
         found.append(Passages((on[0], off[0]), (on[1], off[1]), middle))
     return found
 
@@ -146,7 +146,7 @@ def _looking(simulator: NetworkSimulator) -> NetworkSimulator:
     errors, mapping = simulator.channel_errors, simulator.mapping
     written = mapping.written.copy()
     written[errors] = np.array([[1.0], [0.0], [0.0]])
-    is_set, is_scaled = (~np.isin(own, errors) for own in (mapping.set_positions, mapping.scaled_positions))
+    is_set, is_scaled = (~np.isin(positions, errors) for positions in (mapping.set_positions, mapping.scaled_positions))
     sensors = simulator.network.watched
     times = np.arange(0.0, simulator.drive.times[-1], _FINE)
     return replace(

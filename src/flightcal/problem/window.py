@@ -183,8 +183,8 @@ class Window:
             for channel, column, position in zip(*self.places, strict=True)
         ]
         if status is not None:
-            own = zip(status.inferred, status.priors, strict=True)
-            sets += [(fixed.size + place, self.names.index(name)) for place, name in own]
+            inferred = zip(status.inferred, status.priors, strict=True)
+            sets += [(fixed.size + place, self.names.index(name)) for place, name in inferred]
         settings = np.empty(0) if status is None else status.settings
         first = fixed.size + len(settings)
         entries = () if self.heat is None else self.heat.entries
@@ -458,9 +458,9 @@ class Window:
         same = channels[:, None] == channels
         blocks = by_logarithm[channels[:, None], columns[:, None], columns] * rate[:, None] * rate
         np.add.at(curvature, (positions[:, None], positions[None, :]), np.where(same, blocks, 0.0))
-        own = np.unique(positions)
-        eigenvalues, directions = np.linalg.eigh(curvature[np.ix_(own, own)])
-        curvature[np.ix_(own, own)] = (directions * np.abs(eigenvalues)) @ directions.T
+        noise_positions = np.unique(positions)
+        eigenvalues, directions = np.linalg.eigh(curvature[np.ix_(noise_positions, noise_positions)])
+        curvature[np.ix_(noise_positions, noise_positions)] = (directions * np.abs(eigenvalues)) @ directions.T
         return curvature
 
     def status_information(self, prior: PriorTerms) -> FloatArray:

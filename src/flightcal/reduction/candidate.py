@@ -55,7 +55,7 @@ def errors_of(
     longest_step: float | None = None,
 ) -> list[Errors]:
     """The errors in each window; draws: of only so many runs in each; longest_step: see `simulator_on`."""
-    return [_errors(simulator_on(task, model, own, longest_step), model, own, draws) for own in runs]
+    return [_errors(simulator_on(task, model, full_runs, longest_step), model, full_runs, draws) for full_runs in runs]
 
 
 def _errors(simulator: NetworkSimulator, model: ReducedModel, runs: FullRuns, draws: int | None) -> Errors:

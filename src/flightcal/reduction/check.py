@@ -47,7 +47,9 @@ def fly_at(
     if span[0] < mission.start:
         raise FlightcalError(f"check: found {span[0]}, before the mission's start {mission.start}")
     craft = spacecraft_at(mission.spacecraft, parameters, theta)
-    seconds, (start, end) = ((own - mission.start) / np.timedelta64(1, "ns") * 1e-9 for own in (times, np.array(span)))
+    seconds, (start, end) = (
+        (instants - mission.start) / np.timedelta64(1, "ns") * 1e-9 for instants in (times, np.array(span))
+    )
     duration = math.ceil(end / craft.software.period) * craft.software.period + craft.software.period
     flight = fly(craft, mission.start, duration, seed=mission.seed)
     columns = [flight.nodes.index(craft.thermistors[name].node) for name in sensors]

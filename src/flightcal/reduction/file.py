@@ -127,9 +127,9 @@ def _refuse_slopes(spacecraft: Path) -> None:
     content, document = read_file(spacecraft, SpacecraftFile)
     expected = "expected none: a reduced model's conductances do not depend on temperature"
     problems = [
-        Issue(("conductors", k, "conductance_slope"), f"found {own.conductance_slope:g} 1/K, {expected}")
-        for k, own in enumerate(content.conductors)
-        if own.conductance_slope is not None
+        Issue(("conductors", k, "conductance_slope"), f"found {conductor.conductance_slope:g} 1/K, {expected}")
+        for k, conductor in enumerate(content.conductors)
+        if conductor.conductance_slope is not None
     ]
     if problems:
         raise file_error(spacecraft, document, problems)
@@ -183,8 +183,8 @@ def _unknown_modes(reduction: Reduction, mission: Mission) -> list[Issue]:
 def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Issue]:
     """Modes of the windows and of the flight in which the enable table switches a heater off: none may."""
     software = mission.spacecraft.software
-    own = {software.initial_mode, *(command.mode for command in software.timeline)}
-    used = {("spacecraft",): own} | {
+    disabling = {software.initial_mode, *(command.mode for command in software.timeline)}
+    used = {("spacecraft",): disabling} | {
         (*place, "timeline"): {item.mode for item in window.timeline or ()}
         for place, window in _windows(reduction).items()
     }

@@ -70,22 +70,22 @@ def scenario_of(path: Path, out: Path, progress: Progress = SILENT) -> Path:
     Its reduced model is that of the folder `reduced` beside the file, or else of the one in `out`, where that was made
     from the same. Otherwise it is made in `out`. Raises ScenarioError, and RunError where `out` holds something else.
     """
-    task, own = load_task(path), out / REDUCED
+    task, reduced_path = load_task(path), out / REDUCED
     origin = _made_from(path, task)
-    kept = [folder for folder in (path.parent / REDUCED, own) if _is_from(folder, origin)]
+    kept = [folder for folder in (path.parent / REDUCED, reduced_path) if _is_from(folder, origin)]
     if not kept:
         if out.exists() and (not out.is_dir() or {file.name for file in out.iterdir()} - {REDUCED}):
             raise RunError(f"{out}: found something else than a run of {path} as it is, expected a new or empty folder")
-        for name in _FILES if own.is_dir() else ():
-            (own / name).unlink(missing_ok=True)
-        for line in reduce_to_folder(path, own, progress):
+        for name in _FILES if reduced_path.is_dir() else ():
+            (reduced_path / name).unlink(missing_ok=True)
+        for line in reduce_to_folder(path, reduced_path, progress):
             progress.say(line)
-        kept = [own]
-    own.mkdir(parents=True, exist_ok=True)
+        kept = [reduced_path]
+    reduced_path.mkdir(parents=True, exist_ok=True)
     file = kept[0] / MODEL_FILE
-    text = _scenario_text(task, load(file).model, path, own, os.path.relpath(file, own))
-    write_text(own / "scenario.yaml", text)
-    return own / "scenario.yaml"
+    text = _scenario_text(task, load(file).model, path, reduced_path, os.path.relpath(file, reduced_path))
+    write_text(reduced_path / "scenario.yaml", text)
+    return reduced_path / "scenario.yaml"
 
 
 def _is_from(folder: Path, origin: str) -> bool:

@@ -143,8 +143,8 @@ def project(
     place = [names.index(name) for name in chosen]
     reached = snapshots.temperatures[:, place]
     radiating = _radiating(affine, stored)
-    own = [int(k) for k in np.flatnonzero(np.isin(radiating, place))]
-    points, spread = _interpolation(offset[radiating] + reached @ lift[radiating].T, sampled, own)
+    radiators = [int(k) for k in np.flatnonzero(np.isin(radiating, place))]
+    points, spread = _interpolation(offset[radiating] + reached @ lift[radiating].T, sampled, radiators)
     sampled_nodes = [int(radiating[k]) for k in points]
     seen = [names.index(name) for name in observed]
     mixed = [k for k in dict.fromkeys([*sampled_nodes, *seen]) if k not in place]
@@ -285,7 +285,7 @@ def _radiating(affine: Affine, stored: IntArray) -> IntArray:
     return np.array([k for k, node in enumerate(stored) if int(node) in found], dtype=np.int64)
 
 
-def _interpolation(temperatures: FloatArray, count: int, own: list[int]) -> tuple[list[int], FloatArray]:
+def _interpolation(temperatures: FloatArray, count: int, radiators: list[int]) -> tuple[list[int], FloatArray]:
     """Of fields [s, k]: at least `count` points, and the matrix [k, points] that gives T^4 everywhere from T^4 there.
 
     own: points to take where they are enough.
@@ -297,7 +297,7 @@ def _interpolation(temperatures: FloatArray, count: int, own: list[int]) -> tupl
     _, _, shapes = np.linalg.svd(fourth, full_matrices=False)
     basis = shapes[:count].T
     _, _, pivots = qr(basis.T, pivoting=True, mode="economic")
-    points = own if len(own) >= count else sorted(int(k) for k in pivots[:count])
+    points = radiators if len(radiators) >= count else sorted(int(k) for k in pivots[:count])
     return points, basis @ np.linalg.pinv(basis[points])
 
 

@@ -109,10 +109,10 @@ def _projections(
     task: Task, network: Network, training: Sequence[FullRuns], sizes: Sequence[tuple[int, int]]
 ) -> Iterator[ReducedModel]:
     affine = decompose(network, task.scenario, medians_of(task.scenario))
-    own, settings = _own_nodes(task), task.reduction.projection
+    nodes, settings = _own_nodes(task), task.reduction.projection
     most = max(states + settled for states, settled in sizes)
-    snapshots = collect(network, affine, training, own, most, settings.follow_within)
+    snapshots = collect(network, affine, training, nodes, most, settings.follow_within)
     for states, settled in sizes:
-        shapes = choose_shapes(snapshots, own, min(states + settled, snapshots.basis.shape[1]))
+        shapes = choose_shapes(snapshots, nodes, min(states + settled, snapshots.basis.shape[1]))
         sampled = settings.sampled_nodes or states + 2
-        yield project(network, affine, task.scenario, shapes, snapshots, sampled, own, states)
+        yield project(network, affine, task.scenario, shapes, snapshots, sampled, nodes, states)

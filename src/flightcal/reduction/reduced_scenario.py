@@ -71,10 +71,10 @@ def network_for(model: ReducedModel, scenario: Scenario, heated: Sequence[str] =
 
 def _rewritten(name: str, parameter: Parameter, model: ReducedModel) -> Parameter:
     """The parameter sets its own number in the model, and touches heaters, modes and environment as before."""
-    own = (f"reduced.{name}",) if f"reduced.{name}" in model.free else ()
+    names = (f"reduced.{name}",) if f"reduced.{name}" in model.free else ()
     return parameter.model_copy(
         update={
-            "sets": (*own, *(path for path in parameter.sets if path.startswith(KEPT))),
+            "sets": (*names, *(path for path in parameter.sets if path.startswith(KEPT))),
             "scales": tuple(path for path in parameter.scales if path.startswith(KEPT)),
         }
     )

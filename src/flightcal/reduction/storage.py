@@ -86,8 +86,8 @@ def _load(path: Path, *version: int) -> Stored:
         values = data[kind].to_numpy() if products else np.zeros((0, 0, 0))
         matrices[kind] = dict(zip(products, values, strict=True))
     arrays = {name: data[name].to_numpy() for name in _ARRAYS}
-    own = {"sensors": about["watched"], "ways": _WAYS.validate_python(about["ways"])}
-    model = typed(ReducedModel, about | arrays | own | {"capacity": matrices.pop("capacity"), "matrices": matrices})
+    checked = {"sensors": about["watched"], "ways": _WAYS.validate_python(about["ways"])}
+    model = typed(ReducedModel, about | arrays | checked | {"capacity": matrices.pop("capacity"), "matrices": matrices})
     return Stored(
         model,
         {name: SimulatorError.model_validate(item) for name, item in about["errors"].items()},

@@ -50,13 +50,13 @@ def write_backtest(folder: Path, output: Path | None = None) -> Path:
     Raises RunError where these are not there, or were made by an earlier version.
     """
     content = read_content(folder, "backtest")
-    if not all("why" in own for own in content["origins"]):
+    if not all("why" in origin for origin in content["origins"]):
         raise RunError(
             f"{folder / 'backtest.json'}: found no `why`, expected what this version writes: run `flightcal backtest` "
             "into this folder again, which keeps what is calibrated"
         )
     tree = read_tree(folder / "backtest.nc")
-    predictions = {own["name"]: tree[own["name"]].to_dataset() for own in content["origins"]}
+    predictions = {origin["name"]: tree[origin["name"]].to_dataset() for origin in content["origins"]}
     output = output or folder / "report.html"
     sections = [
         Section("hold", "Did intervals hold tomorrow?", _hold(content, predictions)),
@@ -79,16 +79,16 @@ def first_tables(content: Record) -> list[Table]:
 def findings(content: Record) -> list[Finding]:
     """Whether intervals held, whether these are forecasts, and what stands in doubt."""
     found = [_held(content), _inputs(content)]
-    failed = [own for own in content["origins"] if not own["passed"]]
+    failed = [origin for origin in content["origins"] if not origin["passed"]]
     if failed:
-        details = tuple(f"{_moment(own['origin'])}: {own['failed_gates']}" for own in failed)
+        details = tuple(f"{_moment(failure['origin'])}: {failure['failed_gates']}" for failure in failed)
         title = f"The sampling failed a gate before {len(failed)} of {len(content['origins'])} origins"
         found.append(Finding("warn", title, "Scores of these origins stand among the others.", details))
-    bent = [own for own in content["origins"] if own["passed"] and own["failed_gates"]]
+    bent = [origin for origin in content["origins"] if origin["passed"] and origin["failed_gates"]]
     if bent:
         title = f"The response to heat is not linear before {len(bent)} of {len(content['origins'])} origins"
         text = "Take no parameters from these. What is predicted is simulated with its heat, and judged all the same."
-        found.append(Finding("warn", title, text, tuple(_moment(own["origin"]) for own in bent)))
+        found.append(Finding("warn", title, text, tuple(_moment(bend["origin"]) for bend in bent)))
     if content["skipped"]:
         text = "The telemetry there does not carry a training and an orbit after it."
         found.append(Finding("warn", "No origin in parts of the telemetry", text, tuple(content["skipped"])))
@@ -110,19 +110,21 @@ def _held(content: Record) -> Finding:
         f"{number(whole['rmse'], 3)} K, CRPS {number(whole['crps'], 3)} K, interval {number(whole['width'], 3)} K wide."
     )
     details = [
-        f"{_moment(own['origin'])}: {listed(_below(own, content['channels']))}." for own in origins if not own["holds"]
+        f"{_moment(origin['origin'])}: {listed(_below(origin, content['channels']))}."
+        for origin in origins
+        if not origin["holds"]
     ]
-    wide = sorted({name for own in origins for name in own["too_wide"]})
+    wide = sorted({name for origin in origins for name in origin["too_wide"]})
     if wide:
         details.append(f"Wider than need be: {listed(wide)}.")
     if duty := content["duty"]:
-        details.append(f"Duty cycles inside their interval: {sum(own['hit'] for own in duty)} of {len(duty)}.")
+        details.append(f"Duty cycles inside their interval: {sum(row['hit'] for row in duty)} of {len(duty)}.")
     return Finding("good" if content["holds"] else "bad", title, text, tuple(details))
 
 
-def _below(own: Record, channels: list[str]) -> list[str]:
+def _below(record: Record, channels: list[str]) -> list[str]:
     """Channels whose intervals did not hold after an origin, with what does not."""
-    found = zip(channels, own["coverage"], own["why"], strict=True)
+    found = zip(channels, record["coverage"], record["why"], strict=True)
     return [f"{channel} {percent(share)}, {why}" for channel, share, why in found if why]
 
 
@@ -174,19 +176,19 @@ def figure_hold(
     """
     channels = names(predictions[origins[0]["name"]], "channel")
     columns = len(origins)
-    titles = [_title(own, k) for k in range(len(channels)) for own in origins]
+    titles = [_title(origin, k) for k in range(len(channels)) for origin in origins]
     figure, height = plots(titles, columns, ROW_HEIGHT, gap=34, horizontal_spacing=0.12 / columns, shared_yaxes=True)
     bins = int(np.clip(_POINTS // (8 * len(titles)), 25, 200))
-    for c, own in enumerate(origins):
+    for c, origin in enumerate(origins):
         for r, channel in enumerate(channels):
             place = {"row": r + 1, "col": c + 1}
-            _draw(figure, predictions[own["name"]], channel, period, bins, less_mean, place)
+            _draw(figure, predictions[origin["name"]], channel, period, bins, less_mean, place)
         figure.update_xaxes(showticklabels=False, col=c + 1)
         figure.update_xaxes(
             title_text="orbits since the origin", title_font_size=11, showticklabels=True, row=len(channels), col=c + 1
         )
         figure.add_annotation(
-            text=f"<b>{_moment(own['origin'])}</b>", x=0.5, xref=f"x{c + 1 if c else ''} domain", y=1, yref="paper",
+            text=f"<b>{_moment(origin['origin'])}</b>", x=0.5, xref=f"x{c + 1 if c else ''} domain", y=1, yref="paper",
             yanchor="bottom", yshift=20, showarrow=False, font={"size": 12, "color": TEXT},
         )  # fmt: skip
     for r, channel in enumerate(channels):
@@ -203,9 +205,9 @@ def figure_hold(
     return figure
 
 
-def _title(own: Record, k: int) -> str:
+def _title(record: Record, k: int) -> str:
     """Of one plot: the coverage, and where it did not hold why."""
-    share, why = percent(own["coverage"][k]), own["why"][k]
+    share, why = percent(record["coverage"][k]), record["why"][k]
     return f'<b><span style="color:{WARNING}">✕ {share}, {why}</span></b>' if why else share
 
 
@@ -254,28 +256,28 @@ def _draw(
 def _origins(content: Record) -> Table:
     rows = [
         [
-            _moment(own["origin"]),
-            _moment(own["predicted_to"]),
-            Cell("✓ held", "good") if own["holds"] else Cell("✕ did not hold", "bad"),
-            own["worst"] or "–",
-            *_range(own),
-            number(_record(content, own["name"], ALL, ALL)["crps"], 3),
-            "yes" if own["passed"] else Cell("no", "warn"),
-            duration(own["seconds"]),
+            _moment(origin["origin"]),
+            _moment(origin["predicted_to"]),
+            Cell("✓ held", "good") if origin["holds"] else Cell("✕ did not hold", "bad"),
+            origin["worst"] or "–",
+            *_range(origin),
+            number(_record(content, origin["name"], ALL, ALL)["crps"], 3),
+            "yes" if origin["passed"] else Cell("no", "warn"),
+            duration(origin["seconds"]),
         ]
-        for own in content["origins"]
+        for origin in content["origins"]
     ]
     header = ("origin, UTC", "predicted to", "intervals", "worst channel", "its coverage", "its band", "CRPS, K",
               "converged", "took")  # fmt: skip
     return Table(header, rows, (4, 5, 6, 8))
 
 
-def _range(own: Record) -> tuple[str, str]:
+def _range(record: Record) -> tuple[str, str]:
     """Coverage of an origin's worst channel, and its band."""
-    k = own["worst_place"]
+    k = record["worst_place"]
     if k < 0:
         return "–", "–"
-    return percent(own["coverage"][k]), f"{percent(own['lower'][k])} to {percent(own['upper'][k])}"
+    return percent(record["coverage"][k]), f"{percent(record['lower'][k])} to {percent(record['upper'][k])}"
 
 
 # --- by horizon ---------------------------------------------------------------------------------------------
@@ -323,9 +325,13 @@ def figure_horizon(content: Record, bands: list[str]) -> go.Figure:
         x = np.arange(len(bands)) + (c - (len(channels) - 1) / 2) * 0.5 / max(len(channels), 4)
         for col, key in enumerate(("coverage", "crps"), start=1):
             factor = 100 if key == "coverage" else 1
-            error = {"type": "data", "array": [100 * _value(own["coverage_error"]) for own in records], "width": 2}
+            error = {
+                "type": "data",
+                "array": [100 * _value(record["coverage_error"]) for record in records],
+                "width": 2,
+            }
             figure.add_scatter(
-                x=x, y=[factor * _value(own[key]) for own in records], mode="lines+markers",
+                x=x, y=[factor * _value(record[key]) for record in records], mode="lines+markers",
                 line={"color": chain_colour(c), "width": 1.2}, marker={"size": 5}, name=channel.replace("_", " "),
                 legendgroup=channel, showlegend=col == 1, error_y=error | {"thickness": 1} if col == 1 else None,
                 hovertemplate="%{y:.3g}", row=1, col=col,
@@ -348,8 +354,8 @@ def _scores(content: Record) -> list[Block]:
     numbers = range(1, len(_SCORES) + 1)
     rows = [_row(content, ALL, channel, ALL, channel) for channel in [*content["channels"], ALL]]
     by_origin = [
-        _row(content, own["name"], channel, ALL, f"{_moment(own['origin'])}, {channel}")
-        for own in content["origins"]
+        _row(content, origin["name"], channel, ALL, f"{_moment(origin['origin'])}, {channel}")
+        for origin in content["origins"]
         for channel in [*content["channels"], ALL]
     ]
     return [
@@ -363,30 +369,30 @@ def _scores(content: Record) -> list[Block]:
 
 
 def _row(content: Record, origin: str, channel: str, band: str, title: str) -> list[str]:
-    own = _record(content, origin, channel, band)
-    if not own["samples"]:
+    record = _record(content, origin, channel, band)
+    if not record["samples"]:
         return [title, *("–" for _ in _SCORES)]
     return [
         title,
-        f"{percent(own['coverage'])} ± {percent(own['coverage_error'])}",
-        f"{count(own['samples'])} ({count(own['effective'])})",
-        number(own["rmse"], 3),
-        number(own["bias"], 2),
-        number(own["width"], 3),
-        number(own["crps"], 3),
+        f"{percent(record['coverage'])} ± {percent(record['coverage_error'])}",
+        f"{count(record['samples'])} ({count(record['effective'])})",
+        number(record["rmse"], 3),
+        number(record["bias"], 2),
+        number(record["width"], 3),
+        number(record["crps"], 3),
     ]
 
 
 def _heaters(content: Record) -> list[Block]:
-    hits = sum(own["hit"] for own in content["duty"])
-    moments = {own["name"]: _moment(own["origin"]) for own in content["origins"]}
+    hits = sum(duty["hit"] for duty in content["duty"])
+    moments = {origin["name"]: _moment(origin["origin"]) for origin in content["origins"]}
     rows = [
         [
-            moments[own["origin"]], own["heater"], percent(own["measured"]), percent(own["mean"]),
-            f"{percent(own['lower'])} to {percent(own['upper'])}",
-            Cell("✓ inside", "good") if own["hit"] else Cell("✕ outside", "bad"),
+            moments[duty["origin"]], duty["heater"], percent(duty["measured"]), percent(duty["mean"]),
+            f"{percent(duty['lower'])} to {percent(duty['upper'])}",
+            Cell("✓ inside", "good") if duty["hit"] else Cell("✕ outside", "bad"),
         ]
-        for own in content["duty"]
+        for duty in content["duty"]
     ]  # fmt: skip
     share = percent(content["interval"], 0)
     header = ("origin, UTC", "heater", "duty measured", "predicted, mean", f"{share} interval", "measured duty")
@@ -402,7 +408,7 @@ def _heaters(content: Record) -> list[Block]:
 
 def _record(content: Record, origin: str, channel: str, band: str) -> Record:
     wanted = (origin, channel, band)
-    return next(own for own in content["scores"] if (own["origin"], own["channel"], own["band"]) == wanted)
+    return next(score for score in content["scores"] if (score["origin"], score["channel"], score["band"]) == wanted)
 
 
 def _moment(text: str) -> str:

@@ -79,21 +79,23 @@ def findings(content: Record) -> list[Finding]:
 def _least_covered(content: Record) -> Iterator[str]:
     """Of each model, the channel of which least lies inside its interval."""
     for model in content["means"]:
-        rows = [own for own in content["scores"] if own["model"] == model and own["channel"] != "all"]
-        if worst := min((own for own in rows if own["picp"] is not None), key=lambda own: own["picp"], default=None):
+        rows = [score for score in content["scores"] if score["model"] == model and score["channel"] != "all"]
+        if worst := min(
+            (row for row in rows if row["picp"] is not None), key=lambda record: record["picp"], default=None
+        ):
             yield f"{model} covers least: {percent(worst['picp'])} of {worst['channel']} in “{worst['window']}”."
 
 
 def _rolling(content: Record) -> Table:
-    best = min(own["crps"] for own in content["backtest"].values())
+    best = min(backtest["crps"] for backtest in content["backtest"].values())
     rows = [
         [
-            f"{model}\n{WORDS[model]}", Cell(number(own["crps"], 3), "good" if own["crps"] == best else ""),
-            f"{percent(own['coverage'])} ± {percent(own['coverage_error'])}",
-            Cell(f"{own['held']} of {own['origins']}", "" if own["held"] == own["origins"] else "warn"),
-            number(own["rmse"], 3), number(own["width"], 3), "yes" if own["passed"] else "no",
+            f"{model}\n{WORDS[model]}", Cell(number(scores["crps"], 3), "good" if scores["crps"] == best else ""),
+            f"{percent(scores['coverage'])} ± {percent(scores['coverage_error'])}",
+            Cell(f"{scores['held']} of {scores['origins']}", "" if scores["held"] == scores["origins"] else "warn"),
+            number(scores["rmse"], 3), number(scores["width"], 3), "yes" if scores["passed"] else "no",
         ]
-        for model, own in content["backtest"].items()
+        for model, scores in content["backtest"].items()
     ]  # fmt: skip
     header = ("model", "CRPS, K", "PICP", "origins after which it held", "RMSE, K", "MPIW, K", "converged")
     return Table(header, rows, range(1, len(header) - 1))

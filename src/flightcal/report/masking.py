@@ -84,15 +84,15 @@ def masked(run: RunFiles) -> RunFiles:
         metrics=_metrics(run.metrics, rename),
         diagnostics=told(run.diagnostics),
         parameters=infos,
-        quality=None if run.quality is None else [_finding(told(own)) for own in run.quality],
+        quality=None if run.quality is None else [_finding(told(record)) for record in run.quality],
         integration=told(run.integration),
         emulator=told(run.emulator),
         emulator_check=told(run.emulator_check),
         full_check=told(run.full_check),
         suspects=told(run.suspects),
-        beside={model: _metrics(own, rename) for model, own in run.beside.items()},
+        beside={model: _metrics(metrics, rename) for model, metrics in run.beside.items()},
         backtest=None,
-        calibrated=tuple(_row(own, rename, absolute) for own in run.calibrated),
+        calibrated=tuple(_row(quantity, rename, absolute) for quantity in run.calibrated),
         fixed_numbers=None if run.fixed_numbers is None else replace(run.fixed_numbers, footings=()),
         files=(),
     )
@@ -115,8 +115,8 @@ def _named(run: RunFiles) -> Iterator[tuple[str, str]]:
         for kind in ("channel", "heater"):
             yield from ((kind, str(name)) for name in window.coords.get(kind, xr.DataArray([])).values)
     # Of several inputs that have one gap, all.
-    yield from (("channel", name) for own in run.quality or () for name in str(own["channel"]).split(", "))
-    yield from (("channel", own.channel) for own in run.metrics if own.channel != "all")
+    yield from (("channel", name) for record in run.quality or () for name in str(record["channel"]).split(", "))
+    yield from (("channel", metric.channel) for metric in run.metrics if metric.channel != "all")
     yield from (("parameter", info.name) for info in run.parameters if info.kind == "parameter")
     yield from (("node", info.name.partition(".")[2]) for info in run.parameters if info.kind == "initial")
     yield from (("node", str(name)) for name in (run.heat or {}).get("nodes", []))
@@ -128,8 +128,8 @@ def _named(run: RunFiles) -> Iterator[tuple[str, str]]:
 def _in_blocks(block: Any) -> Iterator[tuple[str, str]]:
     """Names in a block of a scenario."""
     if isinstance(block, list):
-        for own in block:
-            yield from _in_blocks(own)
+        for line in block:
+            yield from _in_blocks(line)
     elif isinstance(block, Mapping):
         for key, value in block.items():
             if key in _KINDS and isinstance(value, Mapping):
@@ -153,8 +153,8 @@ def _told(rename: Rename) -> Callable[[Any], Any]:
         if isinstance(value, str):
             return _ABSOLUTE.sub("a temperature", rename(value))
         if isinstance(value, Mapping):
-            return {key: own if key in _WORDS else told(own) for key, own in value.items()}
-        return [told(own) for own in value] if isinstance(value, list | tuple) else value
+            return {key: inner if key in _WORDS else told(inner) for key, inner in value.items()}
+        return [told(inner) for inner in value] if isinstance(value, list | tuple) else value
 
     return told
 
@@ -172,14 +172,14 @@ def _offsets(run: RunFiles) -> dict[str, float]:
 
 def _less(window: xr.Dataset, offsets: Mapping[str, float]) -> xr.Dataset:
     """A window whose temperatures are less their channel's offset; zero is at 0 degC, so that figures show it so."""
-    own = [offsets.get(str(name), ICE_POINT) - ICE_POINT for name in window["channel"].values]
-    offset = xr.DataArray(own, dims="channel")
+    shifts = [offsets.get(str(name), ICE_POINT) - ICE_POINT for name in window["channel"].values]
+    offset = xr.DataArray(shifts, dims="channel")
     return window.assign({name: window[name] - offset for name in _TEMPERATURES if name in window})
 
 
 def _dataset(dataset: xr.Dataset, rename: Rename, told: Callable[[Any], Any]) -> xr.Dataset:
     coordinates = {
-        name: (values.dims, [rename(str(own)) for own in values.values])
+        name: (values.dims, [rename(str(value)) for value in values.values])
         for name, values in dataset.coords.items()
         if values.dtype.kind in "UO" and name != "by"
     }
@@ -199,7 +199,9 @@ def _tree(tree: xr.DataTree, rename: Rename, told: Callable[[Any], Any]) -> xr.D
     """The posterior; its numbers are as they were, for the offset of a quantity is in how it is shown."""
     groups = {name: _dataset(group.to_dataset(), rename, told) for name, group in tree.children.items()}
     for name in _OF_USER & groups.keys():
-        groups[name] = groups[name].rename_vars({own: rename(str(own)) for own in groups[name].data_vars})
+        groups[name] = groups[name].rename_vars(
+            {data_var: rename(str(data_var)) for data_var in groups[name].data_vars}
+        )
     if (heat := heat_content(tree)) is not None:
         groups["heat"] = groups["heat"].assign(model=json.dumps(told(heat)))
     found = xr.DataTree.from_dict(groups)
@@ -211,9 +213,9 @@ def _tree(tree: xr.DataTree, rename: Rename, told: Callable[[Any], Any]) -> xr.D
 def _metrics(metrics: list[Metric], rename: Rename) -> list[Metric]:
     """Without relative errors, which tell how warm it is."""
     return [
-        replace(own, window=rename(own.window), channel=rename(own.channel))
-        for own in metrics
-        if not own.metric.startswith("mape")
+        replace(metric, window=rename(metric.window), channel=rename(metric.channel))
+        for metric in metrics
+        if not metric.metric.startswith("mape")
     ]
 
 
@@ -222,7 +224,7 @@ def _finding(record: Record) -> Record:
     return record if record.get("finding") == "bridged" else record | {"detail": ""}
 
 
-def _row(own: Calibrated, rename: Rename, absolute: set[str]) -> Calibrated:
-    if own.name not in absolute and own.unit != "degC":
-        return replace(own, name=rename(own.name))
-    return replace(own.rescaled(lambda value: value - own.before, 1.0, "K"), name=rename(own.name))
+def _row(quantity: Calibrated, rename: Rename, absolute: set[str]) -> Calibrated:
+    if quantity.name not in absolute and quantity.unit != "degC":
+        return replace(quantity, name=rename(quantity.name))
+    return replace(quantity.rescaled(lambda value: value - quantity.before, 1.0, "K"), name=rename(quantity.name))

@@ -156,9 +156,9 @@ class RunFiles:
     def prior_scores(self) -> dict[str, PriorScore]:
         """Where posteriors lie in their priors, as far as the diagnosis of the chains says it."""
         return {
-            own["name"]: PriorScore(float(own["prior_score"]), float(own.get("usual_score") or 1.0))
-            for own in (self.diagnostics or {}).get("parameters", [])
-            if own.get("prior_score") is not None
+            record["name"]: PriorScore(float(record["prior_score"]), float(record.get("usual_score") or 1.0))
+            for record in (self.diagnostics or {}).get("parameters", [])
+            if record.get("prior_score") is not None
         }
 
     @cached_property
@@ -178,7 +178,7 @@ class RunFiles:
     @property
     def checks_of_training(self) -> dict[str, list[ResidualCheck]]:
         """Tests of the residuals in windows that were trained on; of all where none was."""
-        return {name: own for name, own in self.checks.items() if is_trained(name)} or self.checks
+        return {name: check for name, check in self.checks.items() if is_trained(name)} or self.checks
 
 
 def read_run(folder: Path) -> RunFiles:
@@ -217,7 +217,7 @@ def read_run(folder: Path) -> RunFiles:
         backtest=kept("backtest/backtest.json", read_json),
         calibrated=kept(RESULTS_FILE, read_calibrated) or (),
         fixed_numbers=kept(RESULTS_FILE, read_fixed_numbers),
-        files=tuple(own for own in _TAKEN_AWAY.items() if (folder / own[0]).is_file()),
+        files=tuple(file for file in _TAKEN_AWAY.items() if (folder / file[0]).is_file()),
         missing=missing,
     )
 
@@ -271,8 +271,8 @@ def _beside(file: Path) -> dict[str, list[Metric]]:
     """Scores of other runs by the names of their models; their records have no units."""
     found: dict[str, list[Metric]] = {}
     for record in read_records(file, read=dict):
-        own = {"unit": ""} | {name: value for name, value in record.items() if name != "model"}
-        found.setdefault(record["model"], []).append(typed(Metric, own))
+        fields = {"unit": ""} | {name: value for name, value in record.items() if name != "model"}
+        found.setdefault(record["model"], []).append(typed(Metric, fields))
     return found
 
 

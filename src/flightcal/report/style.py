@@ -142,10 +142,10 @@ def plots(titles: Sequence[str], columns: int, row_height: int, *, gap: int = 60
 def small_titles(figure: go.Figure, *, left: bool = False) -> None:
     """Subplot titles in bold, over the middle of their plots or at the left edge of the figure."""
     edge = {"x": 0, "xanchor": "left"} if left else {}
-    titles = [own.to_plotly_json() for own in figure.layout.annotations]
+    titles = [annotation.to_plotly_json() for annotation in figure.layout.annotations]
     bold = {"font": {"size": 13, "color": TEXT}, "yshift": 2, **edge}
     # All at once: one by one takes long.
-    figure.layout.annotations = [own | bold | {"text": f"<b>{own['text']}</b>"} for own in titles]
+    figure.layout.annotations = [title | bold | {"text": f"<b>{title['text']}</b>"} for title in titles]
 
 
 def levels(figure: go.Figure, y: float, rows: Iterable[int], column: int, dash: str = "solid") -> None:

@@ -90,8 +90,8 @@ def usual_step(time: NDArray[np.datetime64], columns: Array) -> float | None:
 
     Where each channel has a clock of its own, times of all of them come in bursts.
     """
-    own = [_steps(time[np.isfinite(column)]) for column in columns.T]
-    return min((float(np.median(steps)) for steps in own if steps.size), default=None)
+    column_steps = [_steps(time[np.isfinite(column)]) for column in columns.T]
+    return min((float(np.median(steps)) for steps in column_steps if steps.size), default=None)
 
 
 def gaps(time: NDArray[np.datetime64], usual: float | None = None) -> Indices:

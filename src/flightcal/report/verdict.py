@@ -123,7 +123,7 @@ class Verdict:
     def doubted(self) -> tuple[str, ...]:
         """Parameters whose values are in doubt."""
         cautions = [found for answer in self.answers for found in answer.findings if found.state != "good"]
-        return tuple(own for found in cautions for own in map(valued, found.not_for) if own)
+        return tuple(name for found in cautions for name in map(valued, found.not_for) if name)
 
     @property
     def then(self) -> str:
@@ -131,7 +131,7 @@ class Verdict:
         found = [found for answer in self.answers for found in answer.findings if found.then and found.state != "good"]
         if not found:
             return _ANOTHER_WINDOW if self.emulated else _BACKTEST
-        return max(found, key=lambda own: ORDER.index(own.state)).then
+        return max(found, key=lambda finding: ORDER.index(finding.state)).then
 
     @property
     def exit_code(self) -> int:
@@ -153,9 +153,10 @@ class Verdict:
                     "state": answer.state,
                     "answer": answer.worst.title,
                     "findings": [
-                        {"state": own.state, "title": own.title, "text": own.text, "details": list(own.details),
-                         "not_for": list(own.not_for) if own.state != "good" else []}
-                        for own in answer.findings
+                        {"state": finding.state, "title": finding.title, "text": finding.text,
+                         "details": list(finding.details),
+                         "not_for": list(finding.not_for) if finding.state != "good" else []}
+                        for finding in answer.findings
                     ],
                 }
                 for answer in self.answers

@@ -212,7 +212,7 @@ def _check_parts(
         )
     if provenance and found != parts:
         names = [name for name in {**found, **parts} if found.get(name) != parts.get(name)]
-        before, now = ({Path(file).name: own for file, own in of.items()} for of in (provenance["inputs"], inputs))
+        before, now = ({Path(file).name: part for file, part in of.items()} for of in (provenance["inputs"], inputs))
         changed = sorted(file for file in {**before, **now} if before.get(file) != now.get(file))
         names = [f"{name}: {', '.join(changed)}" if name.endswith(INPUT_FILES) and changed else name for name in names]
         raise OtherRunError(path, names)
@@ -235,7 +235,7 @@ def read_digests(path: Path) -> dict[str, list[dict[str, Any]]]:
     """Name of each file that the run wrote -> what it may be, the newest first; empty where that is not known."""
     try:
         content = json.loads((path / DIGESTS).read_text(encoding="utf-8"))
-        return {name: list(own) for name, own in content.items() if _is_inside(name)}
+        return {name: list(digest) for name, digest in content.items() if _is_inside(name)}
     except (FileNotFoundError, NotADirectoryError, ValueError, AttributeError, TypeError):
         return {}
 
@@ -244,7 +244,7 @@ def _broken(path: Path) -> Iterator[tuple[str, str]]:
     """Files of a run that are not as they were written, and how they differ."""
     for name, digests in read_digests(path).items():
         if (path / name).is_file() and (found := _digest_of_file(path / name)) not in digests:
-            lengths = [own.get("bytes") for own in digests]
+            lengths = [digest.get("bytes") for digest in digests]
             other = "content" if found["bytes"] in lengths else f"length ({found['bytes']} bytes, not {lengths[0]})"
             yield name, f"damaged, its {other} is another than was written"
 

@@ -31,8 +31,8 @@ def labelled(data: xarray.Dataset, words: Mapping[str, tuple[str, str]]) -> xarr
     data = data.copy()
     for name, (unit, long_name) in words.items():
         if name in data:
-            own = {"long_name": long_name} | ({} if data[name].dtype.kind in "OSUM" else {"units": unit or "1"})
-            data[name].attrs |= own
+            labels = {"long_name": long_name} | ({} if data[name].dtype.kind in "OSUM" else {"units": unit or "1"})
+            data[name].attrs |= labels
     for name, long_name in _COORDINATES.items():
         if name in data.coords:
             data[name].attrs.setdefault("long_name", long_name)

@@ -86,7 +86,7 @@ class AlignedAttitude(Block):
 
 
 def _written(direction: str | Vector) -> str:
-    return show(direction) if isinstance(direction, str) else f"[{', '.join(f'{own:g}' for own in direction)}]"
+    return show(direction) if isinstance(direction, str) else f"[{', '.join(f'{number:g}' for number in direction)}]"
 
 
 def _parallel(one: Vector, other: Vector) -> bool:

@@ -233,9 +233,9 @@ class _Text:
         """Place in the list of conductors of the first one of this label."""
         conductors = self.node(("simulator", "conductors"))
         for k, node in enumerate(conductors.value if conductors is not None else ()):
-            own = dict(self._items(node))
-            ends = "-".join(str(end.value) for end in own["between"].value)
-            if (own["name"].value if "name" in own else ends) == label:
+            items = dict(self._items(node))
+            ends = "-".join(str(end.value) for end in items["between"].value)
+            if (items["name"].value if "name" in items else ends) == label:
                 return k
         raise RewritingError(f"conductors: found no {label!r}")
 

@@ -72,7 +72,9 @@ def _without_an_orbit(scenario: Scenario, heat: Heat) -> Heat:
 
 def _angle(scenario: Scenario) -> str | None:
     """The driver that is an angle, of several that which loads follow; None: there is not one alone."""
-    angles = [name for name, own in scenario.telemetry.channels.items() if own.kind == "driver" and own.is_angle]
+    angles = [
+        name for name, channel in scenario.telemetry.channels.items() if channel.kind == "driver" and channel.is_angle
+    ]
     followed = {load.driver for load in scenario.network.loads.values()}
     one = [name for name in angles if name in followed] or angles
     return one[0] if len(one) == 1 else None
@@ -122,7 +124,11 @@ def status_likelihoods(scenario: Scenario) -> dict[str, StatusLikelihood]:
     """
     if heat_of(scenario) is not None and not thermostats_act(scenario):
         return {}
-    return {name: own.likelihood for name, own in scenario.observations.items() if own.likelihood is not None}
+    return {
+        name: observation.likelihood
+        for name, observation in scenario.observations.items()
+        if observation.likelihood is not None
+    }
 
 
 def uncertain_thermostats(scenario: Scenario) -> set[str]:
@@ -132,7 +138,7 @@ def uncertain_thermostats(scenario: Scenario) -> set[str]:
 
 def threshold_parameters(scenario: Scenario) -> tuple[str, ...]:
     """Names of the parameters that set a threshold."""
-    return tuple(name for name, own in scenario.parameters.items() if any(map(_is_threshold, own.targets)))
+    return tuple(name for name, parameter in scenario.parameters.items() if any(map(_is_threshold, parameter.targets)))
 
 
 def thermostats_act(scenario: Scenario) -> bool:
@@ -143,7 +149,7 @@ def thermostats_act(scenario: Scenario) -> bool:
     switches = scenario.network.switches
     unseen = any(switches[name].measured_by is None for name in uncertain_thermostats(scenario) if name in switches)
     others = [scenario.parameters[name] for name in threshold_parameters(scenario)]
-    return unseen or any(own.moves or not all(map(_is_threshold, own.targets)) for own in others)
+    return unseen or any(parameter.moves or not all(map(_is_threshold, parameter.targets)) for parameter in others)
 
 
 def _is_threshold(path: str) -> bool:
@@ -160,10 +166,10 @@ def can_have_heat(scenario: Scenario) -> bool:
 
 
 def _written_noise(scenario: Scenario, channel: str) -> Noise:
-    own = scenario.observations[channel].noise
-    if own is None:
+    noise = scenario.observations[channel].noise
+    if noise is None:
         return scenario.noise
-    return own if isinstance(own, Noise) else Noise.model_construct(standard_deviation=own)
+    return noise if isinstance(noise, Noise) else Noise.model_construct(standard_deviation=noise)
 
 
 def step_tolerance(scenario: Scenario) -> float:

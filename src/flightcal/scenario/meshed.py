@@ -50,9 +50,9 @@ def with_mesh(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Issue]]:
     if start is None and nodes:
         expected = "expected the temperature at which the cells of plates and boxes start, such as '20 degC'"
         problems.append(Issue(("simulator",), f"missing key 'initial', {expected}"))
-    own = simulator.get("conductors", [])
+    links = simulator.get("conductors", [])
     block["nodes"] = _started(_over(nodes, simulator.get("nodes", {})), start or _SOMEWHERE)
-    block["conductors"] = [*own, *conductors] if isinstance(own, list) else own
+    block["conductors"] = [*links, *conductors] if isinstance(links, list) else links
     block["faces"] = _over(faces, simulator.get("faces", {}))
     return block, problems
 

@@ -100,8 +100,8 @@ def _with_status(model: dict[str, Any], data: Mapping[str, Any]) -> dict[str, An
     if is_external(model):
         return model
     heaters, channels = dict(_mapping(model, "heaters")), _mapping(_mapping(data, "telemetry"), "channels")
-    for channel, own in _mapping(data, "observations").items():
-        name = str(own.get("heater")) if isinstance(own, dict) else ""
+    for channel, written in _mapping(data, "observations").items():
+        name = str(written.get("heater")) if isinstance(written, dict) else ""
         is_status = _mapping(channels, channel).get("kind") == "status"
         if is_status and isinstance(heaters.get(name), dict) and "switched_with" not in heaters[name]:
             heaters[name] = {"measured_by": channel, **heaters[name]}
@@ -186,7 +186,7 @@ class _Reader:
             reduced=reduced if "reduced_model" in network else None,
             full_nodes=tuple(network.get("full_nodes", ())),
             noise=parts["noise"],
-            discrepancy=own if isinstance(own := parts.get("discrepancy"), Discrepancy) else None,
+            discrepancy=discrepancy if isinstance(discrepancy := parts.get("discrepancy"), Discrepancy) else None,
             heat=heat if isinstance(heat := parts.get("heat"), Heat) else None,
             has_errors=bool(network.get("errors")),
         )

@@ -57,7 +57,7 @@ def _with_numbers(known: dict[str, Any], written: Any) -> tuple[dict[str, Any], 
         path, location = f"reduced.{name}", ("simulator", "reduced", name)
         if path not in known:
             message = f"found {show(name)}, which the reduced model does not have"
-            names = [own.removeprefix("reduced.") for own in known]
+            names = [number.removeprefix("reduced.") for number in known]
             problems.append(Issue(location, f"{message}{did_you_mean(str(name), names)}"))
             continue
         try:

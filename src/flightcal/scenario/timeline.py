@@ -41,7 +41,9 @@ def changes_in(seconds: Sequence[float], names: Sequence[str], *, sampled: bool)
     """What changes in rows [R] at times that rise; the first row is one. sampled: it does so between two of them."""
     new = [k for k, name in enumerate(names) if k == 0 or name != names[k - 1]]
     between = [seconds[k] - seconds[k - 1] if sampled and k else 0.0 for k in new]
-    return tuple(NamedChange(seconds[k] - 0.5 * own, own, names[k]) for k, own in zip(new, between, strict=True))
+    return tuple(
+        NamedChange(seconds[k] - 0.5 * offset, offset, names[k]) for k, offset in zip(new, between, strict=True)
+    )
 
 
 def _are_samples(seconds: Sequence[float], changes: int) -> bool:
@@ -134,11 +136,11 @@ def _changes(
     found = changes_in(seconds, cells, sampled=False)
     if any(within):
         known = dict(zip(seconds, within, strict=True))
-        found = tuple(replace(own, within=known[own.at]) for own in found)
+        found = tuple(replace(change, within=known[change.at]) for change in found)
     elif _are_samples(seconds, len(found)):
         found = changes_in(seconds, cells, sampled=True)
     return [
-        {"at": times[0] + timedelta(seconds=own.at), column: own.name}
-        | ({"within": _WITHIN.write(own.within)} if own.within and column == "mode" else {})
-        for own in found
+        {"at": times[0] + timedelta(seconds=change.at), column: change.name}
+        | ({"within": _WITHIN.write(change.within)} if change.within and column == "mode" else {})
+        for change in found
     ], ""

@@ -114,8 +114,17 @@ def _follows_telemetry(model: SimulatorModel, node: str) -> bool:
     capacity = None if node not in model.nodes else model.nodes[node].capacity
     if capacity is None:
         return False
-    links = [own for own in model.conductors if node in own.between and (own.conductance or 0.0) > _AT_ONCE * capacity]
-    return any(isinstance(model.nodes[other].boundary, str) for own in links for other in own.between if other != node)
+    links = [
+        conductor
+        for conductor in model.conductors
+        if node in conductor.between and (conductor.conductance or 0.0) > _AT_ONCE * capacity
+    ]
+    return any(
+        isinstance(model.nodes[other].boundary, str)
+        for conductor in links
+        for other in conductor.between
+        if other != node
+    )
 
 
 def _as_written(simulator: NetworkSimulator, scenario: Scenario) -> FloatArray:

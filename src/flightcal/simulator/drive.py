@@ -102,9 +102,9 @@ def _evenly(breaks: FloatArray, length: Callable[[FloatArray], FloatArray]) -> F
     whole = covered[:, -1]
     steps = np.maximum(1, np.ceil(whole - _LONGER)).astype(int)
     before = np.concatenate([[0.0], np.cumsum(whole)])
-    own = np.repeat(np.arange(len(steps)), steps)
-    place = np.arange(len(own)) - np.repeat(np.cumsum(steps) - steps, steps)
-    wanted = (before[own] + place * (whole / steps)[own])[place > 0]
+    interval = np.repeat(np.arange(len(steps)), steps)
+    place = np.arange(len(interval)) - np.repeat(np.cumsum(steps) - steps, steps)
+    wanted = (before[interval] + place * (whole / steps)[interval])[place > 0]
     ends = np.concatenate([[0.0], (before[:-1, None] + covered).ravel()])
     return np.interp(wanted, ends, np.concatenate([breaks[:1], fine[:, 1:].ravel()]))
 
@@ -156,8 +156,8 @@ def step_weights(times: FloatArray, grid: FloatArray) -> csr_array:
     right = np.searchsorted(times, extra)
     share = (extra - times[right - 1]) / (times[right] - times[right - 1])
     # Each point of both is a mean of two values, the second of weight `share`.
-    own = np.arange(len(times))
-    before, after = np.insert(own, right, right - 1), np.insert(own, right, right)
+    sample = np.arange(len(times))
+    before, after = np.insert(sample, right, right - 1), np.insert(sample, right, right)
     share = np.insert(np.zeros(len(times)), right, share)
     times = np.insert(times, right, extra)
     cell = np.flatnonzero(np.diff(times) > 0.0)
@@ -174,7 +174,7 @@ def step_weights(times: FloatArray, grid: FloatArray) -> csr_array:
                 columns.append(column)
                 weights.append(weight * part)
     places = (np.concatenate(rows), np.concatenate(columns))
-    found = csr_array((np.concatenate(weights), places), shape=(2 * (len(grid) - 1), len(own)))
+    found = csr_array((np.concatenate(weights), places), shape=(2 * (len(grid) - 1), len(sample)))
     found.eliminate_zeros()
     return found
 

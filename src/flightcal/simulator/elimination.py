@@ -70,8 +70,8 @@ class _Work:
             self.rows[kind][row][column] = place
         self.readers: list[set[int]] = [set() for _ in range(n)]
         """Rows with an entry of A in each column, but its own."""
-        for row, own in enumerate(self.rows["linear"]):
-            for column in own:
+        for row, position in enumerate(self.rows["linear"]):
+            for column in position:
                 if column != row:
                     self.readers[column].add(row)
         self.multiplier, self.pivot, self.first = list[int](), list[int](), [0]
@@ -82,10 +82,12 @@ class _Work:
 
     def gain(self, state: int) -> int:
         """By how many the entries that a step reads become fewer."""
-        own = {kind: set(self.rows[kind][state]) - {state} for kind in _IN_STEPS}
-        gone = 1 + sum(map(len, own.values())) + len(self.readers[state])
+        others = {kind: set(self.rows[kind][state]) - {state} for kind in _IN_STEPS}
+        gone = 1 + sum(map(len, others.values())) + len(self.readers[state])
         return gone - sum(
-            len(columns - self.rows[kind][row].keys()) for row in self.readers[state] for kind, columns in own.items()
+            len(columns - self.rows[kind][row].keys())
+            for row in self.readers[state]
+            for kind, columns in others.items()
         )
 
     def eliminate(self, state: int) -> None:
@@ -126,7 +128,7 @@ class _Work:
         kept = [entry for entries in listed for *_, entry in entries]
         kept += [*range(lower, initial), *(initial + state for state in left)]
         made = (self.multiplier, self.pivot, self.first, self.source, self.target, kept)
-        return Elimination(structure, place, Plan(*(np.array(own, np.int64) for own in made)), self.count)
+        return Elimination(structure, place, Plan(*(np.array(row, np.int64) for row in made)), self.count)
 
     def _left(self, kind: str, left: list[int], place: IntArray | None = None) -> list[tuple[int, int, int]]:
         """(row, column, place among the entries) of entries of the rows that are left; place: [n] of their columns."""

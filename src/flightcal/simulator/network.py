@@ -365,8 +365,8 @@ def canonical_form(
     entry, constants, table = [], [], []
     sums = [terms[kind][place] for kind, places in entries.items() for place in places]
     number = len(sums)
-    for place, own in (*enumerate(sums), *((number + state, own) for state, own in warmed.items())):
-        for constant, factors in own:
+    for place, weights in (*enumerate(sums), *((number + state, terms) for state, terms in warmed.items())):
+        for constant, factors in weights:
             entry.append(place)
             constants.append(constant)
             table.append([f if f >= 0 else reciprocal[-1 - f] for f in factors])
@@ -383,7 +383,9 @@ def canonical_form(
     return structure, Terms(
         entry=np.array(entry, dtype=np.int64),
         constant=np.array(constants),
-        factors=np.array([own + [numbers] * (most - len(own)) for own in table], np.int64).reshape(len(table), most),
+        factors=np.array([entry + [numbers] * (most - len(entry)) for entry in table], np.int64).reshape(
+            len(table), most
+        ),
         inverse=np.array(inverse, dtype=np.int64),
         entries=number,
         initial=initial,

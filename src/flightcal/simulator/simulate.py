@@ -153,7 +153,12 @@ class NetworkSimulator:
         """Power [H] W of each heater, and of those switched with it, while it is on, at theta [d]."""
         numbers = self._assemble(theta)[0]
         on_switch = [(heater, *self.network.switched.get(heater, ())) for heater in self.heaters]
-        return np.array([sum(numbers[self.network.position(f"heaters.{h}.power")] for h in own) for own in on_switch])
+        return np.array(
+            [
+                sum(numbers[self.network.position(f"heaters.{h}.power")] for h in heater_names)
+                for heater_names in on_switch
+            ]
+        )
 
     def numbers(self, theta: FloatArray) -> FloatArray:
         """The network's numbers [V] at theta [d]."""
@@ -226,7 +231,7 @@ class NetworkSimulator:
         Then these come again.
         """
         if self.network.heat_states:
-            thresholds = np.stack([self._in_heat(*own) for own in zip(thetas, thresholds, strict=True)])
+            thresholds = np.stack([self._in_heat(*pair) for pair in zip(thetas, thresholds, strict=True)])
         return self._simulate(thetas, thresholds, heat)
 
     def _in_heat(self, theta: FloatArray, off: FloatArray) -> FloatArray:
@@ -301,7 +306,7 @@ class NetworkSimulator:
             return found
 
         found = in_parallel(lambda k: simulate(k * size), math.ceil(len(thetas) / size))
-        return [own for chunk in found for own in chunk]
+        return [theta for chunk in found for theta in chunk]
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
         """A simulation and its vector-Jacobian product.

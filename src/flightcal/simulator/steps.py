@@ -88,8 +88,8 @@ def to_try(structure: Structure, packed: FloatArray) -> IntArray:
         (structure.linear_start, structure.linear_column, 0, 1.0),
         (structure.radiative_start, structure.radiative_column, linear, 4.0 * ROOM**3),
     ):
-        own = np.flatnonzero(np.repeat(np.arange(count), np.diff(start)) == column)
-        speeds[:, column[own]] -= slope * packed[:, first + own]
+        candidates = np.flatnonzero(np.repeat(np.arange(count), np.diff(start)) == column)
+        speeds[:, column[candidates]] -= slope * packed[:, first + candidates]
     fastest = np.argsort(-speeds[:, structure.mass > 0.0].max(axis=1), kind="stable")[:_FASTEST]
     others = np.setdiff1d(np.arange(len(packed)), fastest)
     return np.concatenate([others[: _TRIED - len(fastest)], fastest])
@@ -214,7 +214,7 @@ def _changed(wanted: Lengths, grid: FloatArray, change: FloatArray, times: Float
     capped = np.append(np.maximum(caps, _SHORTEST), np.inf)
 
     def lengths_at(at: FloatArray) -> FloatArray:
-        own = np.searchsorted(times, at, side="right") - 1
-        return np.minimum(np.exp(np.interp(at, middles[kept], logarithms)), capped[own])
+        step = np.searchsorted(times, at, side="right") - 1
+        return np.minimum(np.exp(np.interp(at, middles[kept], logarithms)), capped[step])
 
     return lengths_at

@@ -64,7 +64,9 @@ def between(found: str, unit: str) -> tuple[float, float] | None:
     known = known_unit(found)
     try:
         si = si_unit(unit)
-        zeros, ones = zip(*((to_si(f"0 {own}", si), to_si(f"1 {own}", si)) for own in (known or "", unit)), strict=True)
+        zeros, ones = zip(
+            *((to_si(f"0 {name}", si), to_si(f"1 {name}", si)) for name in (known or "", unit)), strict=True
+        )
     except ValueError:
         return None
     scale = ones[1] - zeros[1]

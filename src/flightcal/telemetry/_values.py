@@ -120,9 +120,9 @@ def _of_units(
     for found in pd.unique(units[bad]):
         factors = between(found, unit)
         if factors is not None:
-            own = bad & (units == found)
-            values[own] = factors[0] * numbers[own] + factors[1]
-            bad &= ~own
+            rows = bad & (units == found)
+            values[rows] = factors[0] * numbers[rows] + factors[1]
+            bad &= ~rows
     return values, bad
 
 

@@ -84,8 +84,8 @@ def average(dataset: xr.Dataset, length: float, *, beside_others: bool = False) 
     for i, name in enumerate(dataset["channel"].to_numpy()):
         channel = dataset[name]
         mean, samples = _block_mean(channel.to_numpy(), block, len(blocks))
-        own = sampling_interval(times[flags[:, i] & Flag.MISSING == 0])
-        expected = length / (interval if np.isnan(own) else own)
+        sampled_every = sampling_interval(times[flags[:, i] & Flag.MISSING == 0])
+        expected = length / (interval if np.isnan(sampled_every) else sampled_every)
         few = samples < 0.5 * max(expected, 1.0)
         if channel.attrs["kind"] == "status":
             mean = np.where(np.isnan(mean), np.nan, mean >= 0.5)

@@ -35,7 +35,7 @@ def is_blurred(dataset: xr.Dataset, channel: str) -> bool:
     needed = _MANY_SINGLE if len(edges) >= _CHANCE * by_chance else _SINGLE
     spells = [lengths[state], lengths[~state]]
     often = len(edges) >= _OFTEN * len(on)
-    return often and any(len(own) >= _LEAST and (own == 1).mean() >= needed for own in spells)
+    return often and any(len(spell) >= _LEAST and (spell == 1).mean() >= needed for spell in spells)
 
 
 def smoothed(dataset: xr.Dataset, channel: str) -> NDArray[np.float64]:
@@ -43,14 +43,14 @@ def smoothed(dataset: xr.Dataset, channel: str) -> NDArray[np.float64]:
 
     Raises TelemetryError where none is valid.
     """
-    at, own, interval = valid_samples(dataset, channel)
+    at, values, interval = valid_samples(dataset, channel)
     reach = 0.5 * len(_AROUND) * interval
-    total, weights = np.zeros(len(own)), np.zeros(len(own))
+    total, weights = np.zeros(len(values)), np.zeros(len(values))
     for away, weight in zip(range(-(len(_AROUND) // 2), len(_AROUND) // 2 + 1), _AROUND, strict=True):
-        place = np.arange(len(own)) + away
-        inside = np.clip(place, 0, len(own) - 1)
+        place = np.arange(len(values)) + away
+        inside = np.clip(place, 0, len(values) - 1)
         near = weight * ((place == inside) & (np.abs(at[inside] - at) < reach))
-        total += near * own[inside]
+        total += near * values[inside]
         weights += near
     seconds = dataset["time"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
     return np.interp(seconds, at, total / weights)

@@ -94,8 +94,8 @@ def column_of(name: str, column: pa.ChunkedArray, source: Source, said: str | No
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
         if is_status(column, Channel(column=name, kind="status")):
             return FoundColumn(name, "status", None)
-        own = _on_off(column) if _OF_HEATER.search(name) else None
-        return None if own is None else FoundColumn(name, "status", None, on_off=own)
+        by_words = _on_off(column) if _OF_HEATER.search(name) else None
+        return None if by_words is None else FoundColumn(name, "status", None, on_off=by_words)
     if not is_numeric(column) or is_second_time(name, column, source):
         return None
     values = column.drop_null().to_numpy()

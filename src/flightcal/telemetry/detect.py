@@ -78,12 +78,12 @@ def detect(files: list[Path]) -> list[FoundPacket]:
         if not packets:
             raise TelemetryError(f"{file}: found no sheet with a column of times, expected one")
         for packet in packets:
-            same = next((own for own in alike if all(_are_one(packet, other) for other in own)), None)
+            same = next((packets for packets in alike if all(_are_one(packet, other) for other in packets)), None)
             if same is None:
                 alike.append([packet])
             else:
                 same.append(packet)
-    found = [reduce(_together, own) for own in alike]
+    found = [reduce(_together, packets) for packets in alike]
     return [_of_usual_epoch(packet, [own for own in found if own is not packet]) for packet in found]
 
 
@@ -91,8 +91,8 @@ def _of_usual_epoch(packet: FoundPacket, others: list[FoundPacket]) -> FoundPack
     """A packet whose UNIX times no other packet shares, as a clock of the usual epoch that brings it to the others."""
 
     def shared(first: float, last: float) -> float:
-        known = [own for own in others if own.time is not None]
-        return max((min(last, own.last) - max(first, own.first) for own in known), default=0.0)
+        known = [packet for packet in others if packet.time is not None]
+        return max((min(last, packet.last) - max(first, packet.first) for packet in known), default=0.0)
 
     if packet.time is None or packet.time.format not in _COUNTS or shared(packet.first, packet.last) > 0.0:
         return packet
@@ -174,7 +174,9 @@ def _packet_below_title(file: Path, source: Source) -> FoundPacket:
 
 def _has_names(packet: FoundPacket) -> bool:
     """Whether what stands in the header are names, and not the numbers of a row."""
-    return not any(re.match(r"[-+]?\.?\d", name) for name in (*packet.clock, *(own.name for own in packet.columns)))
+    return not any(
+        re.match(r"[-+]?\.?\d", name) for name in (*packet.clock, *(column.name for column in packet.columns))
+    )
 
 
 def _packet(file: Path, source: Source) -> FoundPacket:
@@ -242,10 +244,10 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         found,
         first,
         last,
-        tuple(part for own in parts.values() for part in own),
+        tuple(part for group in parts.values() for part in group),
         source.header,
         fine or None,
-        (*raw, *(name for name, own in parts.items() if not own and head[name].null_count < len(head[name]))),
+        (*raw, *(name for name, group in parts.items() if not group and head[name].null_count < len(head[name]))),
         modes,
         valid_where=validity,
     )
@@ -281,12 +283,12 @@ def _packet_of_names(
     columns, left_out, modes = [], [], None
     for name in dict.fromkeys(names[names != ""].tolist()):
         rows = np.flatnonzero(names == name)
-        own = pa.table({name: typed(table[value].take(rows))})
-        modes = modes or modes_in(own, [name], times[rows], alone=True)
+        part = pa.table({name: typed(table[value].take(rows))})
+        modes = modes or modes_in(part, [name], times[rows], alone=True)
         if modes is not None and modes.column == name:
             continue
         said = None if units is None else str(table[units][int(rows[0])].as_py() or "")
-        column = column_of(name, own[name].slice(0, LOOKED_AT), source, said)
+        column = column_of(name, part[name].slice(0, LOOKED_AT), source, said)
         if column is not None:
             columns.append(column)
         else:

@@ -62,7 +62,7 @@ def _engineering(values: list[str]) -> str:
 def _values(table: pa.Table) -> list[str]:
     """The columns that are called as the value of a reading, and hold something."""
     columns = zip(table.column_names, table.columns, strict=True)
-    return [name for name, own in columns if _READING_VALUE.search(name) and own.null_count < len(own)]
+    return [name for name, column in columns if _READING_VALUE.search(name) and column.null_count < len(column)]
 
 
 def one_parameter(table: pa.Table) -> tuple[str, str] | None:

@@ -40,13 +40,13 @@ def merged(named: Mapping[str, xr.Dataset], channels: list[str]) -> xr.Dataset:
             values[at] = packet[name].to_numpy()
             variables[name] = ("time", values, packet[name].attrs)
         cells = np.ix_(at, np.array([place[name] for name in names]))
-        own = packet["flags"].to_numpy()
-        flags[cells] = own
+        packet_flags = packet["flags"].to_numpy()
+        flags[cells] = packet_flags
         if "masked" in packet:
             rows[cells], masked[cells] = packet["rows"].to_numpy(), packet["masked"].to_numpy()
         else:
             rows[cells] = 1
-            masked[cells] = np.stack([own & flag != 0 for flag in SAMPLE_FLAGS], axis=-1)
+            masked[cells] = np.stack([packet_flags & flag != 0 for flag in SAMPLE_FLAGS], axis=-1)
     coordinates: dict[str, Any] = {"time": times, "channel": channels}
     variables["flags"] = (("time", "channel"), flags, flag_attributes())
     if averaged:
@@ -69,5 +69,7 @@ def _attributes(named: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     found["files"] = "\n".join(dict.fromkeys(name for packet in packets for name in packet["files"].splitlines()))
     conflicts = [time for packet in packets for time in packet["conflict_times"].split()]
     found["conflict_times"] = " ".join(sorted(conflicts)[:10])
-    found["packets"] = json.dumps({name: {key: own[key] for key in _OF_ROWS} for name, own in named.items()})
+    found["packets"] = json.dumps(
+        {name: {key: attributes[key] for key in _OF_ROWS} for name, attributes in named.items()}
+    )
     return found

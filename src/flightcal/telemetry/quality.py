@@ -46,14 +46,14 @@ def quality_table(dataset: xr.Dataset) -> tuple[QualityRecord, ...]:
     Duplicates, conflicts and order are those of the whole file, as dropped rows belong to no window.
     """
     channels = [str(channel) for channel in dataset["channel"].to_numpy()]
-    own = {channel: _own_times(dataset, channel) for channel in channels}
+    by_channel = {channel: _own_times(dataset, channel) for channel in channels}
     packets = json.loads(dataset.attrs.get("packets", "{}")) or {"": dataset.attrs}
     records = [record for name, attributes in packets.items() for record in _row_records(name, attributes)]
-    if any(times is None for times in own.values()):
+    if any(times is None for times in by_channel.values()):
         records += _gap_records("", dataset["time"].to_numpy().astype(np.int64))
     for channel in channels:
-        records += _gap_records(channel, own[channel])
-        records += _channel_records(dataset, channel, own[channel])
+        records += _gap_records(channel, by_channel[channel])
+        records += _channel_records(dataset, channel, by_channel[channel])
     return tuple(records)
 
 
@@ -61,11 +61,11 @@ def _own_times(dataset: xr.Dataset, channel: str) -> Nanoseconds | None:
     """When a channel whose packet has stamps of its own was sampled; null: it should be in every row."""
     flags = dataset["flags"].sel(channel=channel).to_numpy()
     times = dataset["time"].to_numpy()
-    own = times[flags & (Flag.OTHER_PACKET | Flag.MISSING) == 0]
+    stamps = times[flags & (Flag.OTHER_PACKET | Flag.MISSING) == 0]
     if dataset[channel].attrs.get("packet"):
-        return own.astype(np.int64)
-    apart = len(own) > _FEW and usual_interval(own) > GAP_FACTOR * usual_interval(times)
-    return own.astype(np.int64) if apart else None
+        return stamps.astype(np.int64)
+    apart = len(stamps) > _FEW and usual_interval(stamps) > GAP_FACTOR * usual_interval(times)
+    return stamps.astype(np.int64) if apart else None
 
 
 def _row_records(packet: str, attributes: Mapping[str, Any]) -> list[QualityRecord]:
@@ -101,18 +101,18 @@ def _gap_records(channel: str, times: Nanoseconds | None) -> list[QualityRecord]
     return [QualityRecord(channel, "gaps", missing, share, first, last, _gaps_text(gaps))]
 
 
-def _channel_records(dataset: xr.Dataset, channel: str, own: Nanoseconds | None) -> list[QualityRecord]:
+def _channel_records(dataset: xr.Dataset, channel: str, stamps: Nanoseconds | None) -> list[QualityRecord]:
     """Samples that flags took away; a row without a sample of a channel that has own times is another packet's."""
     in_packets, averaged = bool(dataset[channel].attrs.get("packet")), "masked" in dataset
     flags = dataset["flags"].sel(channel=channel).to_numpy()
     rows = flags & Flag.OTHER_PACKET == 0
-    if own is not None and not in_packets and not averaged:
+    if stamps is not None and not in_packets and not averaged:
         rows &= flags & Flag.MISSING == 0
     times, flags = dataset["time"].to_numpy()[rows], flags[rows]
     total = int(dataset["rows"].sel(channel=channel).sum()) if averaged else len(times)
     records = []
     for flag in SAMPLE_FLAGS:
-        if flag is Flag.MISSING and own is not None and not in_packets:
+        if flag is Flag.MISSING and stamps is not None and not in_packets:
             continue
         if averaged:
             counts = dataset["masked"].sel(channel=channel, finding=meaning(flag)).to_numpy()[rows]
@@ -172,6 +172,6 @@ def _seconds(length: int) -> str:
 
 def _longest(number: str, spells: list[tuple[int, np.datetime64, str]]) -> str:
     """How many there are, and the longest of them in order of time; spells: how long, since when, and that in words."""
-    listed = sorted(sorted(spells, key=lambda own: -own[0])[:LISTED], key=lambda own: own[1])
+    listed = sorted(sorted(spells, key=lambda item: -item[0])[:LISTED], key=lambda item: item[1])
     text = ", ".join(f"{words} from {clock_text(begin)}" for _, begin, words in listed)
     return f"{number}: {text}" if len(spells) <= LISTED else f"{number}, the longest: {text}"

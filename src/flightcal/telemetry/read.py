@@ -81,9 +81,9 @@ def _read_readings(
     problems: list[str] = []
     found: dict[str, xr.Dataset] = {}
     table_of = cache(read_table)
-    for channel, own in conversions.items():
+    for channel, unit_conversion in conversions.items():
         try:
-            found[channel] = _read_packet(specification, channel, packet, {channel: own}, folder, table_of)
+            found[channel] = _read_packet(specification, channel, packet, {channel: unit_conversion}, folder, table_of)
         except TelemetryError as error:
             problems.append(str(error))
     _raise_all(list(dict.fromkeys(problems)))
@@ -230,17 +230,17 @@ def _with_validity(channel: Channel, packet: Packet) -> Channel:
 
 def _with_validity_of_readings(channel: Channel) -> Channel:
     """A channel of readings, each of which has a column of validity of its own."""
-    own = {of(column, name): valid for column, valid in channel.valid_where.items() for name in channel.column}
-    return channel.model_copy(update={"valid_where": own})
+    conditions = {of(column, name): valid for column, valid in channel.valid_where.items() for name in channel.column}
+    return channel.model_copy(update={"valid_where": conditions})
 
 
 def _of_packet(table: pa.Table, time: TimeColumn, named: Collection[str], source: Source) -> tuple[pa.Table, Source]:
     """The rows in which one of the columns `named`, other than those of the time, holds something."""
-    own = sorted(set(named).difference(time.column))
-    held = np.any([table[name].is_valid().to_numpy() for name in own], axis=0)
+    value_names = sorted(set(named).difference(time.column))
+    held = np.any([table[name].is_valid().to_numpy() for name in value_names], axis=0)
     rows = np.flatnonzero(held)
     if not len(rows):
-        names = ", ".join(f"'{name}'" for name in own)
+        names = ", ".join(f"'{name}'" for name in value_names)
         raise TelemetryError(f"{source.name}: found nothing in the columns {names}, expected telemetry")
     return _only(rows, table, source)
 
@@ -267,7 +267,9 @@ def _joined(files: list[_Rows]) -> _Rows:
 def _wanted(packet: Packet, channels: dict[str, Channel]) -> list[tuple[str, str]]:
     """Who wants which column of a packet's files."""
     wanted = [("time", column) for column in packet.time.column]
-    wanted += [("valid_where", column) for column in sorted({c for own in channels.values() for c in own.valid_where})]
+    wanted += [
+        ("valid_where", column) for column in sorted({c for channel in channels.values() for c in channel.valid_where})
+    ]
     if packet.readings is not None:
         return [*wanted, *(("readings", column) for column in (*packet.readings.name, packet.readings.value))]
     return wanted + [(f"channel '{name}'", column) for name, c in channels.items() for column in c.column]

@@ -41,9 +41,9 @@ def side_by_side(
             listed = nearest(name, known) or f"; it has {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}"
             where = " ".join(readings.name)
             raise TelemetryError(f"{source.name}: column '{where}': found no '{name}'{listed}")
-        own = pd.DataFrame({column: table[column].take(rows).to_pandas() for column in time})
-        own[f"row of {name}"] = rows
-        joined = own if joined is None else joined.merge(own, on=list(time))
+        joined_rows = pd.DataFrame({column: table[column].take(rows).to_pandas() for column in time})
+        joined_rows[f"row of {name}"] = rows
+        joined = joined_rows if joined is None else joined.merge(joined_rows, on=list(time))
     assert joined is not None  # a channel has a column
     if not len(joined):
         together = ", ".join(f"'{name}'" for name in wanted)
@@ -52,8 +52,8 @@ def side_by_side(
     columns = {column: table[column].take(first) for column in time}
     columns |= {name: typed(table[readings.value].take(joined[f"row of {name}"].to_numpy())) for name in wanted}
     for name in wanted:
-        own = joined[f"row of {name}"].to_numpy()
-        columns |= {of(column, name): table[column].take(own) for column in beside}
+        joined_rows = joined[f"row of {name}"].to_numpy()
+        columns |= {of(column, name): table[column].take(joined_rows) for column in beside}
     return pa.table(columns), source.only(first)
 
 

@@ -56,7 +56,7 @@ def _apart(frame: pd.DataFrame) -> list[str]:
     for name in frame:
         codes, values = pd.factorize(frame[name])
         # A column that never has a value twice tells any other.
-        if not any(2 * len(values) < len(codes) and _is_told(codes, own) for own in kept.values()):
+        if not any(2 * len(values) < len(codes) and _is_told(codes, row_keys) for row_keys in kept.values()):
             kept[name] = codes
     return list(kept)
 
@@ -99,12 +99,12 @@ def _witness(column: pd.Series, suspect: NDArray[np.bool_]) -> tuple[NDArray[np.
     if not witness.any():
         return chance, share
     starts = np.flatnonzero(changes)
-    own = np.diff(np.append(starts, len(codes)))[np.cumsum(changes) - 1][witness]
+    lengths = np.diff(np.append(starts, len(codes)))[np.cumsum(changes) - 1][witness]
     code = codes[witness]
-    rows = np.bincount(codes[codes >= 0], minlength=len(values))[code] - own
+    rows = np.bincount(codes[codes >= 0], minlength=len(values))[code] - lengths
     runs = np.bincount(codes[starts][codes[starts] >= 0], minlength=len(values))[code] - 1
-    other_rows, other_runs = len(codes) - own, len(starts) - 1
-    column_repeats = np.divide(other_rows - other_runs, other_rows, out=np.ones(len(own)), where=other_rows > 0)
+    other_rows, other_runs = len(codes) - lengths, len(starts) - 1
+    column_repeats = np.divide(other_rows - other_runs, other_rows, out=np.ones(len(lengths)), where=other_rows > 0)
     repeating = (rows - runs + _PRIOR_TRANSITIONS * column_repeats) / (rows + _PRIOR_TRANSITIONS)
     chance[witness] = np.where(repeating < _MOVES, repeating, 1.0)
     return chance, share

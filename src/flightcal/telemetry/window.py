@@ -53,8 +53,8 @@ def select_window(dataset: xr.Dataset, window: Window, period: float | None = No
         if not np.any((read >= start) & (read < end)) or read[-1] + _slack(read) < end:
             return _planned(dataset, start, end, read)
     sampled = _sampled(dataset)
-    for packet, own in _packets(dataset).items():
-        _check_within(times[own], start, end, name, packet, "" if is_trained(called) else _PLAN)
+    for packet, flags in _packets(dataset).items():
+        _check_within(times[flags], start, end, name, packet, "" if is_trained(called) else _PLAN)
     selected = dataset.isel(time=(times >= start) & (times < end) & sampled)
     if selected.sizes["time"] == 0:
         times = times[sampled]
@@ -70,7 +70,7 @@ def select_window(dataset: xr.Dataset, window: Window, period: float | None = No
 def end_of_telemetry(dataset: xr.Dataset) -> np.datetime64:
     """Up to when a window may go: no packet ends more than its usual interval before."""
     times = dataset["time"].to_numpy()
-    return np.datetime64(min(times[own][-1] + _slack(times[own]) for own in _packets(dataset).values()))
+    return np.datetime64(min(times[packet][-1] + _slack(times[packet]) for packet in _packets(dataset).values()))
 
 
 def _slack(times: NDArray[np.datetime64]) -> np.timedelta64:

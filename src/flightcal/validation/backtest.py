@@ -55,9 +55,9 @@ def origin_settings(scenario: Scenario, origin: Origin) -> dict[str, Any]:
 
 def _backtested(run: Run, scenario: Scenario, data: xarray.Dataset, origin: Origin) -> xarray.Dataset:
     started = perf_counter()
-    own = origin.scenario(scenario)
+    changed = origin.scenario(scenario)
     settings = scenario.calibration
-    problem = build_problem(own, data)
+    problem = build_problem(changed, data)
     with run.progress.stage("compiling (long only once)"):
         warm(problem)
     posterior = calibrate_nuts(problem, progress=run.progress)
@@ -112,23 +112,23 @@ def backtest_record(scenario: Scenario, plan: Plan, predictions: Mapping[str, xa
 
 def holdings_of(predictions: Mapping[str, xarray.Dataset]) -> list[Holding]:
     """Whether intervals held after each origin, in one band for all of its channels (see `hold_together`)."""
-    return [hold_together([replicates_of(own)])[0] for own in predictions.values()]
+    return [hold_together([replicates_of(dataset)])[0] for dataset in predictions.values()]
 
 
 def _worst(origins: list[dict[str, Any]], holdings: Sequence[Holding]) -> dict[str, Any]:
     """The channel of an origin that holds least."""
-    found = [(held.room[held.worst], own) for own, held in zip(origins, holdings, strict=True) if held.worst >= 0]
+    found = [(held.room[held.worst], record) for record, held in zip(origins, holdings, strict=True) if held.worst >= 0]
     if not found:
         return {}
-    own = min(found, key=lambda one: one[0])[1]
-    k = own["worst_place"]
+    record = min(found, key=lambda one: one[0])[1]
+    k = record["worst_place"]
     return {
-        "origin": own["name"],
-        "time": own["origin"],
-        "channel": own["worst"],
-        "coverage": own["coverage"][k],
-        "lower": own["lower"][k],
-        "why": own["why"][k],
+        "origin": record["name"],
+        "time": record["origin"],
+        "channel": record["worst"],
+        "coverage": record["coverage"][k],
+        "lower": record["lower"][k],
+        "why": record["why"][k],
     }
 
 

@@ -56,16 +56,16 @@ def variant(scenario: Scenario, model: str) -> Scenario:
         return _with_heat(scenario)
     scenario = scenario.model_copy(update={"heat": "none"})
 
-    def noise(own: Noise) -> Noise:
+    def noise(noise_kind: Noise) -> Noise:
         of_memory = [name for name, (key, _) in NEEDS.items() if key == "model"]
         # What is written of correlated noise says nothing of noise that is to stand alone.
-        same = own.model == "iid" or model.endswith("ar1")
-        written: dict[str, Any] = {"standard_deviation": own.standard_deviation} if same else {}
+        same = noise_kind.model == "iid" or model.endswith("ar1")
+        written: dict[str, Any] = {"standard_deviation": noise_kind.standard_deviation} if same else {}
         if model.endswith("ar1"):
-            written |= {"model": "ar1"} | {name: getattr(own, name) for name in of_memory}
+            written |= {"model": "ar1"} | {name: getattr(noise_kind, name) for name in of_memory}
         elif model == "iid":
-            kept = own.model_fields_set - {"standard_deviation", "model", *of_memory}
-            written |= {name: getattr(own, name) for name in kept}
+            kept = noise_kind.model_fields_set - {"standard_deviation", "model", *of_memory}
+            written |= {name: getattr(noise_kind, name) for name in kept}
         return Noise.model_construct(**written)
 
     observations = {
@@ -74,8 +74,8 @@ def variant(scenario: Scenario, model: str) -> Scenario:
         else item.model_copy(update={"noise": noise(noise_of(scenario, channel))})
         for channel, item in scenario.observations.items()
     }
-    own = discrepancy_of(scenario) or Discrepancy(phase=PhaseDiscrepancy())
-    discrepancy = own if model.startswith("phase") else None
+    chosen = discrepancy_of(scenario) or Discrepancy(phase=PhaseDiscrepancy())
+    discrepancy = chosen if model.startswith("phase") else None
     return scenario.model_copy(
         update={"observations": observations, "noise": noise(scenario.noise), "discrepancy": discrepancy}
     )
@@ -90,10 +90,10 @@ def scored_by_all(
     """
     together: dict[str, Any] = {}
     for windows in predictions.values():
-        for window, own in windows.items():
-            together[window] = own["scored"].values.astype(bool) & together.get(window, True)
+        for window, dataset in windows.items():
+            together[window] = dataset["scored"].values.astype(bool) & together.get(window, True)
     return {
-        model: {window: own.assign(scored=("time", together[window])) for window, own in windows.items()}
+        model: {window: dataset.assign(scored=("time", together[window])) for window, dataset in windows.items()}
         for model, windows in predictions.items()
     }
 
@@ -124,7 +124,7 @@ def comparison_of(
         model: _means([row for row in rows if row["model"] == model and row["channel"] == "all"]) for model in metrics
     }
     rolling = {model: backtest_summary(content) for model, content in (backtests or {}).items()}
-    of_gates = {model: own["passed"] for model, own in rolling.items()} if rolling else passed
+    of_gates = {model: record["passed"] for model, record in rolling.items()} if rolling else passed
     sampled = [model for model in metrics if of_gates[model]] or list(metrics)
     eligible = [model for model in sampled if model not in useless] or sampled
     chosen, reason = recommend_by_backtest(rolling, eligible) if rolling else recommend(means, eligible)
@@ -132,7 +132,7 @@ def comparison_of(
     differences = (
         _crps_differences(backtests, chosen) if backtests else _log_score_differences(predictions or {}, chosen)
     )
-    rivals = [model for model, own in differences.items() if model in eligible and not own.clear]
+    rivals = [model for model, difference in differences.items() if model in eligible and not difference.clear]
     if rivals:
         recommended, reason = None, f"{_undecided(chosen, rivals, differences, backtest=bool(rolling))} {reason}"
     return {
@@ -140,7 +140,7 @@ def comparison_of(
         "models": list(metrics),
         "recommended": recommended,
         "reason": reason,
-        "differences": {model: asdict(own) for model, own in differences.items()},
+        "differences": {model: asdict(difference) for model, difference in differences.items()},
         "passed": passed,
         "useless": sorted(useless),
         "scores": rows,
@@ -156,9 +156,11 @@ def _with_heat(scenario: Scenario) -> Scenario:
     """
     observations = {}
     for channel, item in scenario.observations.items():
-        own = item.noise
-        if isinstance(own, Noise) and own.not_normal:
-            item = item.model_copy(update={"noise": Noise.model_construct(standard_deviation=own.standard_deviation)})
+        written = item.noise
+        if isinstance(written, Noise) and written.not_normal:
+            item = item.model_copy(
+                update={"noise": Noise.model_construct(standard_deviation=written.standard_deviation)}
+            )
         observations[channel] = item
     heat = scenario.heat if isinstance(scenario.heat, Heat) else Heat()
     noise = scenario.noise if scenario.noise.model == "ar1" else NOISE_BESIDE_HEAT
@@ -213,9 +215,9 @@ def _crps_differences(backtests: Mapping[str, Mapping[str, Any]], best: str) -> 
     """Of the CRPS, K: of the same origins, as if these were independent."""
     by_origin = {
         model: {
-            own["origin"]: own["crps"]
-            for own in content["scores"]
-            if own["origin"] != ALL and own["channel"] == own["band"] == ALL and own["crps"] is not None
+            score["origin"]: score["crps"]
+            for score in content["scores"]
+            if score["origin"] != ALL and score["channel"] == score["band"] == ALL and score["crps"] is not None
         }
         for model, content in backtests.items()
     }
@@ -244,7 +246,7 @@ def _undecided(best: str, rivals: Sequence[str], differences: Mapping[str, Diffe
 
 def backtest_summary(content: Mapping[str, Any]) -> dict[str, Any]:
     """Of a backtest.json: scores of all origins, channels and horizons, and after how many origins intervals held."""
-    whole = next(own for own in content["scores"] if own["origin"] == own["channel"] == own["band"] == ALL)
+    whole = next(score for score in content["scores"] if score["origin"] == score["channel"] == score["band"] == ALL)
     kept = {name: whole[name] for name in ("rmse", "coverage", "coverage_error", "width", "crps")}
     return kept | {"held": content["held"], "origins": len(content["origins"]), "passed": content["passed"]}
 
@@ -255,14 +257,14 @@ def recommend_by_backtest(rolling: Mapping[str, Mapping[str, Any]], eligible: Se
     rolling: `backtest_summary` of each model.
     """
     best = min(eligible, key=lambda model: rolling[model]["crps"])
-    own = rolling[best]
-    others = [model for model in rolling if model not in eligible and rolling[model]["crps"] < own["crps"]]
+    record = rolling[best]
+    others = [model for model in rolling if model not in eligible and rolling[model]["crps"] < record["crps"]]
     among = " of those that can be used" if others else ""
     words = [
-        f"After rolling origins '{best}' has the lowest CRPS{among}, {own['crps']:.3g} K. Its interval covers "
-        f"{own['coverage']:.1%} and held after {own['held']} of {own['origins']} origins."
+        f"After rolling origins '{best}' has the lowest CRPS{among}, {record['crps']:.3g} K. Its interval covers "
+        f"{record['coverage']:.1%} and held after {record['held']} of {record['origins']} origins."
     ]
-    holding = [model for model in eligible if rolling[model]["held"] > own["held"]]
+    holding = [model for model in eligible if rolling[model]["held"] > record["held"]]
     if holding:
         safe = max(holding, key=lambda model: (rolling[model]["held"], -rolling[model]["crps"]))
         words.append(

@@ -54,10 +54,10 @@ def _fly(run: Run, problem: Problem, sampled: Sampled, *, flown_from: str, simul
     flights = list(product(range(len(thetas)), inside))
 
     def both(number: int) -> tuple[Flown, Trajectory | None]:
-        k, (window, own) = flights[number]
+        k, (window, flight) = flights[number]
         run.progress.at(k, f"flight {k + 1} of {len(thetas)}")
         there = fly_at(task.mission, parameters, thetas[k, positions], channels, window.times, window.span)
-        return there, _from_there(window, own[k], there)
+        return there, _from_there(window, flight[k], there)
 
     made = in_parallel(both, len(flights))
     flown = [there for there, trajectory in made if trajectory is not None]

@@ -90,7 +90,7 @@ def band_scores(predictions: Mapping[str, xarray.Dataset], period: float) -> lis
     channels = [str(channel) for channel in next(iter(predictions.values()))["channel"].values]
     places = list(range(len(channels)))
     found = []
-    for origin, parts in [*((name, [own]) for name, own in arrays.items()), (ALL, list(arrays.values()))]:
+    for origin, parts in [*((name, [array]) for name, array in arrays.items()), (ALL, list(arrays.values()))]:
         for channel, columns in [*((name, [k]) for k, name in enumerate(channels)), (ALL, places)]:
             for band, bands in [*((name, [k]) for k, name in enumerate(BANDS)), (ALL, list(range(len(BANDS))))]:
                 found.append(_score(origin, channel, band, parts, columns, bands))
@@ -99,7 +99,7 @@ def band_scores(predictions: Mapping[str, xarray.Dataset], period: float) -> lis
 
 def duty_scores(predictions: Mapping[str, xarray.Dataset]) -> list[DutyScore]:
     """Of each heater whose status is measured after an origin, over the whole prediction."""
-    return list(itertools.chain.from_iterable(_duty(origin, own) for origin, own in predictions.items()))
+    return list(itertools.chain.from_iterable(_duty(origin, dataset) for origin, dataset in predictions.items()))
 
 
 def _duty(origin: str, prediction: xarray.Dataset) -> Iterator[DutyScore]:
@@ -127,8 +127,8 @@ def _arrays(prediction: xarray.Dataset, period: float) -> _Origin:
     valid = np.isfinite(observed) & np.isfinite(mean) & chosen["scored"].values.astype(bool)[:, None]
     time = chosen["time"].values
     share = [
-        effective_samples((observed - mean)[own, k], time[own]) / own.sum() if own.any() else math.nan
-        for k, own in enumerate(valid.T)
+        effective_samples((observed - mean)[flags, k], time[flags]) / flags.sum() if flags.any() else math.nan
+        for k, flags in enumerate(valid.T)
     ]
     return _Origin(
         band=np.searchsorted(edges, ahead(prediction), side="left"),
@@ -144,11 +144,13 @@ def _arrays(prediction: xarray.Dataset, period: float) -> _Origin:
 def _score(
     origin: str, channel: str, band: str, parts: Sequence[_Origin], columns: Sequence[int], bands: Sequence[int]
 ) -> BandScore:
-    counted = [own.valid & np.isin(own.band, bands)[:, None] for own in parts]
+    counted = [part.valid & np.isin(part.band, bands)[:, None] for part in parts]
     samples = [here[:, columns].sum(axis=0) for here in counted]  # by channel
 
     def of(name: str) -> FloatArray:
-        chosen = [getattr(own, name)[:, columns][here[:, columns]] for own, here in zip(parts, counted, strict=True)]
+        chosen = [
+            getattr(origin, name)[:, columns][here[:, columns]] for origin, here in zip(parts, counted, strict=True)
+        ]
         return np.concatenate(chosen).astype(float)
 
     error, hit, width, crps = (of(name) for name in ("error", "hit", "width", "crps"))
@@ -156,10 +158,10 @@ def _score(
         nothing = math.nan
         return BandScore(origin, channel, band, 0, nothing, nothing, nothing, nothing, 0.0, nothing, nothing)
     effective = 0.0
-    for own, count in zip(parts, samples, strict=True):
+    for part, count in zip(parts, samples, strict=True):
         seen = count > 0
         if seen.any():
-            effective += float(np.maximum(1.0, own.effective_share[columns][seen] * count[seen]).mean())
+            effective += float(np.maximum(1.0, part.effective_share[columns][seen] * count[seen]).mean())
     share = float(hit.mean())
     middle = (share * effective + 2.0) / (effective + 4.0)
     return BandScore(

@@ -98,14 +98,16 @@ def _cells(values: FloatArray, time: Times, max_lag: int, width: float | None) -
     if width is None and _is_regular(time):
         grids = segments(values, time, max_lag)
         sums = [np.where(np.isfinite(grid), grid, 0.0) for grid in grids]
-        return [_Cells(own, np.isfinite(grid).astype(float), own**2) for own, grid in zip(sums, grids, strict=True)]
+        return [
+            _Cells(total, np.isfinite(grid).astype(float), total**2) for total, grid in zip(sums, grids, strict=True)
+        ]
     present = np.isfinite(values)
     values, at = values[present], _seconds(time[present]) / (width or spacing(time))
     ends = [0, *(np.flatnonzero(np.diff(at) > max_lag + 1) + 1), values.size]
     found = []
     for start, end in itertools.pairwise(ends):
-        places, own = np.rint(at[start:end] - at[start]).astype(int), values[start:end]
-        weights = (own, np.ones(own.size), own**2)
+        places, span_values = np.rint(at[start:end] - at[start]).astype(int), values[start:end]
+        weights = (span_values, np.ones(span_values.size), span_values**2)
         found.append(_Cells(*(np.asarray(np.bincount(places, of), float) for of in weights)))
     return found
 
@@ -134,9 +136,9 @@ def _seconds(time: Times) -> FloatArray:
 
 def pair_counts(residuals: ArrayLike, time: Times, max_lag: int, width: float | None = None) -> NDArray[np.int64]:
     """Number of pairs of valid residuals at each lag from 0 to `max_lag`: [max_lag + 1]; at lag 0 the residuals."""
-    counts = [own.counts for own in _cells(np.asarray(residuals, float), time, max_lag, width)]
+    counts = [cells.counts for cells in _cells(np.asarray(residuals, float), time, max_lag, width)]
     pairs = np.rint(_products(counts, counts, max_lag)).astype(np.int64)
-    pairs[0] = round(sum(own.sum() for own in counts))
+    pairs[0] = round(sum(count.sum() for count in counts))
     return pairs
 
 
@@ -151,7 +153,7 @@ def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int, width: floa
     if not np.isfinite(values).any():
         return np.full(max_lag + 1, np.nan)
     cells = _cells(values - np.nanmean(values), time, max_lag, width)
-    sums, counts, squares = ([own[k] for own in cells] for k in range(3))
+    sums, counts, squares = ([cell[k] for cell in cells] for k in range(3))
     size = np.sqrt(
         np.maximum(_products(squares, counts, max_lag), 0) * np.maximum(_products(counts, squares, max_lag), 0)
     )
@@ -165,7 +167,7 @@ def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int, width: floa
 def _together(residuals: FloatArray, time: Times, width: float | None) -> float:
     """What pairs of samples in the same cell add to the variance of the mean: their number times their correlation."""
     cells = _cells(residuals - np.nanmean(residuals), time, residuals.size, width)
-    sums, counts, squares = (np.concatenate([own[k] for own in cells]) for k in range(3))
+    sums, counts, squares = (np.concatenate([cell[k] for cell in cells]) for k in range(3))
     pairs, size = float((counts * (counts - 1)).sum()), float((squares * (counts - 1)).sum())
     return pairs * float((sums**2 - squares).sum()) / size if size > 0.0 else 0.0
 
@@ -337,8 +339,8 @@ def check_window(prediction: xr.Dataset, *, unseen: bool = False, heat: bool = F
     for i, channel in enumerate(channels):
         check = check_residuals(channel, tested[:, i], time, noise=noise[i], uncertain=unseen and heat)
         present = np.isfinite(residuals[:, i])
-        own = autocorrelation(residuals[present, i], time[present], 1)[1] if present.sum() > 1 else math.nan
-        checks.append(replace(check, discrepant=discrepant[i], residual_lag1=float(own)))
+        correlation = autocorrelation(residuals[present, i], time[present], 1)[1] if present.sum() > 1 else math.nan
+        checks.append(replace(check, discrepant=discrepant[i], residual_lag1=float(correlation)))
     return checks
 
 

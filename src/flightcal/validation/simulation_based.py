@@ -64,9 +64,9 @@ def ranks(truth: FloatArray, draws: FloatArray, effective: float, rng: np.random
     chains, length, quantities = draws.shape
     each = int(np.clip(min(MOST_DRAWS, effective) / chains, 1, length))
     chosen = draws[:, np.linspace(0, length - 1, each).round().astype(int)].reshape(-1, quantities)
-    values = [np.unique(own) for own in chosen.T]
-    below = np.array([np.searchsorted(own, true) for own, true in zip(values, truth, strict=True)])
-    count = np.array([len(own) for own in values])
+    values = [np.unique(column) for column in chosen.T]
+    below = np.array([np.searchsorted(column, true) for column, true in zip(values, truth, strict=True)])
+    count = np.array([len(value) for value in values])
     return (below + rng.random(quantities)) / (count + 1), len(chosen)
 
 

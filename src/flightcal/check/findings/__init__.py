@@ -26,7 +26,7 @@ def findings_of(checked: Checked) -> list[Finding]:
         *gradient(checked),
         *jumps(checked),
         sensitivity(checked),
-        *(profile(checked, own) for own in checked.profiles),
+        *(profile(checked, one) for one in checked.profiles),
     ]
     return sorted(found, key=lambda finding: ORDER.index(finding.state), reverse=True)
 

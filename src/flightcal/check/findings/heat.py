@@ -19,7 +19,7 @@ def heat_findings(heat: BesideHeat | None) -> list[Finding]:
     """What unmodelled heat takes from the parameters, and what would tell them; empty where there is none."""
     if heat is None:
         return []
-    matter = [own for own in heat.parameters if own.matters]
+    matter = [imitation for imitation in heat.parameters if imitation.matters]
     if not matter:
         text = (
             "No parameter's effect is like what heat of its prior's size can do, or it is well told beside that heat."
@@ -27,10 +27,10 @@ def heat_findings(heat: BesideHeat | None) -> list[Finding]:
         return [Finding("good", "Unmodelled heat takes little from the parameters", text)]
     found = []
     for kind, advice in _TELLS.items():
-        alike = [own for own in matter if own.kind == kind]
+        alike = [imitation for imitation in matter if imitation.kind == kind]
         if alike:
-            title = f"Unmodelled heat makes {listed([own.name for own in alike])} hard to tell"
-            details = tuple(imitated_words(own) for own in alike)
+            title = f"Unmodelled heat makes {listed([imitation.name for imitation in alike])} hard to tell"
+            details = tuple(imitated_words(imitation) for imitation in alike)
             text = (
                 "This is so where heat has its prior's size; where the telemetry shows less, intervals are narrower. "
                 f"Other {advice} than those in the training windows would tell."
@@ -43,12 +43,16 @@ def heat_findings(heat: BesideHeat | None) -> list[Finding]:
     return found
 
 
-def imitated_words(own: Imitated) -> str:
+def imitated_words(imitation: Imitated) -> str:
     """What heat takes from a parameter."""
-    what = f"Heat in {own.node} can imitate {own.name}" if own.cosine > ALIKE else f"Heat hides {own.name}"
+    what = (
+        f"Heat in {imitation.node} can imitate {imitation.name}"
+        if imitation.cosine > ALIKE
+        else f"Heat hides {imitation.name}"
+    )
     return (
-        f"{what} (cosine {own.cosine:.2f}): its interval will be about {times(own.growth)} times as wide as "
-        f"without heat, {percent(own.beside, 0)} as wide as the prior's."
+        f"{what} (cosine {imitation.cosine:.2f}): its interval will be about {times(imitation.growth)} times as wide "
+        f"as without heat, {percent(imitation.beside, 0)} as wide as the prior's."
     )
 
 

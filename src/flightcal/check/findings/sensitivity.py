@@ -46,11 +46,14 @@ def _too_few(checked: Checked, least: int) -> str:
     return f"They need {least} simulations over the prior, and there are {runs}: check again with `--runs {enough}`."
 
 
-def profile(checked: Checked, own: Profile) -> Finding:
+def profile(checked: Checked, likelihood_profile: Profile) -> Finding:
     """What the likelihood alone says of a parameter."""
-    lower, upper = (checked.value(own.name, v) if math.isfinite(v) else "open" for v in (own.lower, own.upper))
+    lower, upper = (
+        checked.value(likelihood_profile.name, v) if math.isfinite(v) else "open"
+        for v in (likelihood_profile.lower, likelihood_profile.upper)
+    )
     text = f"95% interval by its profile: {lower} to {upper}, all others fitted again."
-    if own.told:
-        return Finding("good", f"The likelihood alone bounds {own.name}", text)
+    if likelihood_profile.told:
+        return Finding("good", f"The likelihood alone bounds {likelihood_profile.name}", text)
     text += " Without the priors the profile stays within 1.92 nats on one side or both."
-    return Finding("warn", f"The likelihood alone does not bound {own.name}", text)
+    return Finding("warn", f"The likelihood alone does not bound {likelihood_profile.name}", text)

@@ -10,9 +10,10 @@ from ..suspicion import Suspects
 
 def suspected(suspects: Suspects) -> list[Finding]:
     """What is likely to be wrong before anything else: of comparisons with the simulator the best, the others below."""
-    compared = any(own.nats is not None for own in suspects.found)
+    compared = any(suspicion.nats is not None for suspicion in suspects.found)
     found = [
-        replace(own, text=f"{own.text} {own.then}", then="") for own in likely([asdict(own) for own in suspects.found])
+        replace(finding, text=f"{finding.text} {finding.then}", then="")
+        for finding in likely([asdict(suspicion) for suspicion in suspects.found])
     ]
     if suspects.misfit is not None and not compared:
         text = f"Unmodelled heat has to make up for more than is usual. {suspects.misfit.words}"

@@ -27,12 +27,18 @@ def centre(checked: Checked) -> list[Finding]:
 def identifiability(checked: Checked) -> list[Finding]:
     """What the telemetry cannot tell, and which parameters it tells together alone."""
     combinations = checked.identifiability.combinations
-    of_noise = [own for own in combinations if all(name.startswith("noise.") for name in own.names)]
-    alone = combinations if len(of_noise) < 2 else [own for own in combinations if own not in of_noise]
+    of_noise = [
+        combination for combination in combinations if all(name.startswith("noise.") for name in combination.names)
+    ]
+    alone = (
+        combinations
+        if len(of_noise) < 2
+        else [combination for combination in combinations if combination not in of_noise]
+    )
     # Of what is told of the same parameters twice, the first: of it the telemetry says least.
     told: dict[frozenset[str], Finding] = {}
-    for own in alone:
-        told.setdefault(frozenset(own.names), combination_finding(checked, own))
+    for combination in alone:
+        told.setdefault(frozenset(combination.names), combination_finding(checked, combination))
     found = list(told.values())
     if len(of_noise) > 1:
         found.append(_noise_finding(checked, of_noise))
@@ -54,7 +60,7 @@ def identifiability(checked: Checked) -> list[Finding]:
             f"of the parameters {name} is known least ({percent(width, 0)})."
         )
         title = "The telemetry tells every parameter, and every combination of them"
-        if checked.heat is not None and any(own.matters for own in checked.heat.parameters):
+        if checked.heat is not None and any(imitation.matters for imitation in checked.heat.parameters):
             title = "Without unmodelled heat the telemetry tells every parameter, and every combination of them"
         found.insert(0, Finding("good", title, text))
     return found
@@ -62,13 +68,13 @@ def identifiability(checked: Checked) -> list[Finding]:
 
 def _noise_finding(checked: Checked, combinations: Sequence[Combination]) -> Finding:
     """What the data cannot tell of the noise of several channels: of each a line would hide what matters."""
-    names = sorted({name for own in combinations for name in own.names})
+    names = sorted({name for combination in combinations for name in combination.names})
     channels = sorted({name.split(".")[1] for name in names})
     text = (
         "How long its errors last, or how large they are, is then as the prior says: the parameters' intervals are "
         "little changed by that."
     )
-    details = tuple(_trade(checked, own) for own in combinations)
+    details = tuple(_trade(checked, combination) for combination in combinations)
     return Finding("warn", f"The telemetry says little of the noise of {listed(channels)}", text, details)
 
 

@@ -83,8 +83,8 @@ def _as_written(attitude: str | AlignedAttitude) -> str:
     if isinstance(attitude, str):
         return attitude
 
-    def one(own: Pointing) -> str:
-        return f"{{axis: {normals.written(own.axis)}, towards: {own.towards}}}"
+    def one(pointing: Pointing) -> str:
+        return f"{{axis: {normals.written(pointing.axis)}, towards: {pointing.towards}}}"
 
     return f"{{aligned: {one(attitude.aligned)}, constrained: {one(attitude.constrained)}}}"
 
@@ -94,13 +94,13 @@ _OTHERS: dict[str | AlignedAttitude, str] = {
     "nadir": "nadir",
     "sun_pointing": "sun-pointing",
     **{
-        _aligned(_SIDES["+z"], "nadir", own, "sun"): f"with +z to the Earth and turned about it with {name} to the Sun"
-        for name, own in _SIDES.items()
+        _aligned(_SIDES["+z"], "nadir", side, "sun"): f"with +z to the Earth and turned about it with {name} to the Sun"
+        for name, side in _SIDES.items()
         if name[1] != "z"
     },
     **{
-        _aligned(own, "sun", _SIDES["+x" if name[1] == "y" else "+y"], "ecliptic_north"): f"with {name} to the Sun"
-        for name, own in _SIDES.items()
+        _aligned(side, "sun", _SIDES["+x" if name[1] == "y" else "+y"], "ecliptic_north"): f"with {name} to the Sun"
+        for name, side in _SIDES.items()
         if name != "+z"
     },
 }
@@ -112,7 +112,7 @@ def quaternions(view: View) -> Iterator[Wrong]:
     written = attitude_of(view)
     if written is None:
         return
-    others = [own for own in product(_ORDERS, (False, True)) if own != (_ORDERS[0], False)]
+    others = [order for order in product(_ORDERS, (False, True)) if order != (_ORDERS[0], False)]
     for order, inverse in others:
         attitude = _each(written, partial(_read_otherwise, order=order, inverse=inverse))
         if attitude == written:
@@ -132,7 +132,7 @@ def _each(attitude: Any, change: Callable[[Any], Any]) -> Any:
     """An attitude with each that it is made of changed."""
     if not isinstance(attitude, AttitudeTimeline):
         return change(attitude)
-    named = {name: change(own) for name, own in attitude.named.items()}
+    named = {name: change(kind) for name, kind in attitude.named.items()}
     timeline = tuple(own.model_copy(update={"attitude": change(own.attitude)}) for own in attitude.timeline)
     return attitude.model_copy(update={"named": named, "timeline": timeline})
 
@@ -146,7 +146,7 @@ def _read_otherwise(attitude: Any, order: Sequence[int], inverse: bool) -> Any:
         return attitude.model_copy(update=update)
     if isinstance(attitude, InertialAttitude):
         w, *rest = (attitude.inertial[k] for k in order)
-        return attitude.model_copy(update={"inertial": (w, *(-own if inverse else own for own in rest))})
+        return attitude.model_copy(update={"inertial": (w, *(-angle if inverse else angle for angle in rest))})
     return attitude
 
 
@@ -159,7 +159,7 @@ def spins(view: View) -> Iterator[Wrong]:
     ways = [Rotation.from_rotvec(angle * axis).apply(direction) for axis, angle in product(np.eye(3), _SWUNG)]
     others: list[tuple[str, Any, str]] = []
     for way in (-direction, *ways):
-        others.append(("direction", tuple(way.tolist()), "[" + ", ".join(f"{own:.2f}" for own in way) + "]"))
+        others.append(("direction", tuple(way.tolist()), "[" + ", ".join(f"{number:.2f}" for number in way) + "]"))
     if attitude.period is not None:
         others.append(("period", None, "null (the mean over a turn)"))
         for factor in _SPIN_RATES:
@@ -257,7 +257,9 @@ def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchang
     if not isinstance(attitude, AttitudeTimeline):
         return
     for late in map(float, seconds):
-        changes = tuple(own.model_copy(update={"at": own.at + timedelta(seconds=late)}) for own in attitude.timeline)
+        changes = tuple(
+            change.model_copy(update={"at": change.at + timedelta(seconds=late)}) for change in attitude.timeline
+        )
         scenario = _with_timeline(view, attitude, changes)
         words = Words(
             f"The timeline of attitudes is {off(-late)}",
@@ -269,11 +271,12 @@ def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchang
         yield from driven_otherwise(
             "attitude", "timeline", words, view, tries=len(_LATE), closer=near, scenario=scenario
         )
-    pairs = list(combinations(dict.fromkeys(own.attitude for own in attitude.timeline), 2)) if exchanges else []
+    pairs = list(combinations(dict.fromkeys(change.attitude for change in attitude.timeline), 2)) if exchanges else []
     for one, other in pairs:
         turned = {one: other, other: one}
         changes = tuple(
-            own.model_copy(update={"attitude": turned.get(own.attitude, own.attitude)}) for own in attitude.timeline
+            change.model_copy(update={"attitude": turned.get(change.attitude, change.attitude)})
+            for change in attitude.timeline
         )
         scenario = _with_timeline(view, attitude, changes)
         words = Words(
@@ -307,18 +310,23 @@ def pointings(view: View) -> Iterator[Wrong]:
     attitude = attitude_of(view)
     if not isinstance(attitude, AttitudeTimeline):
         return
-    timeline, names = attitude.timeline, dict.fromkeys([*attitude.named, *(own.attitude for own in attitude.timeline)])
+    timeline, names = (
+        attitude.timeline,
+        dict.fromkeys([*attitude.named, *(change.attitude for change in attitude.timeline)]),
+    )
     begin, end = span_of(view)
     inside = [
-        k for k, own in enumerate(timeline) if own.at < end and (k + 1 == len(timeline) or timeline[k + 1].at > begin)
+        k
+        for k, change in enumerate(timeline)
+        if change.at < end and (k + 1 == len(timeline) or timeline[k + 1].at > begin)
     ]
     tries = len(inside) * (len(names) - 1 + len(_CHANGE_LATE))
     for k, name in product(inside, names):
-        own = timeline[k]
-        if name == own.attitude:
+        change = timeline[k]
+        if name == change.attitude:
             continue
         words = Words(
-            f"The attitude from {own.at.isoformat(timespec='seconds')} on is '{name}', not '{own.attitude}'",
+            f"The attitude from {change.at.isoformat(timespec='seconds')} on is '{name}', not '{change.attitude}'",
             f"With '{name}' until the next change, the model explains the telemetry.",
             "Check that change in 'environment: attitude' against what was flown",
         )
@@ -331,14 +339,15 @@ def pointings(view: View) -> Iterator[Wrong]:
 def _change_moved(
     view: View, attitude: AttitudeTimeline, k: int, tries: float, seconds: Sequence[float] | FloatArray
 ) -> Iterator[Wrong]:
-    timeline, own = attitude.timeline, attitude.timeline[k]
+    timeline, change = attitude.timeline, attitude.timeline[k]
     for late in map(float, seconds):
-        at = own.at + timedelta(seconds=late)
+        at = change.at + timedelta(seconds=late)
         after = timeline[k + 1].at if k + 1 < len(timeline) else datetime.max
         if k == 0 or not timeline[k - 1].at < at < after:
             continue
         words = Words(
-            f"The change of attitude to '{own.attitude}' at {own.at.isoformat(timespec='seconds')} is {off(-late)}",
+            f"The change of attitude to '{change.attitude}' at {change.at.isoformat(timespec='seconds')} is "
+            f"{off(-late)}",
             f"{minutes(late)} {'later' if late > 0 else 'earlier'}, it explains the telemetry.",
             "Check that change in 'environment: attitude' against what was flown",
         )

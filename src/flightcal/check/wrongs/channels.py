@@ -180,9 +180,9 @@ def other_nodes(view: View) -> Iterator[Wrong]:
     sensors = simulator.observation.sensors
     nodes = simulator.network.own_nodes
     read = [view.window.scenario.observations[channel].node for channel in view.channels]
-    for k, (channel, own) in enumerate(zip(view.channels, read, strict=True)):
+    for k, (channel, read_node) in enumerate(zip(view.channels, read, strict=True)):
         for node in nodes:
-            if node == own or len(nodes) > _MOST_NODES:
+            if node == read_node or len(nodes) > _MOST_NODES:
                 continue
             near = f"; or it has a node of its own, near {node}, which the scenario lacks"
             states = sensors.state.copy()
@@ -190,12 +190,12 @@ def other_nodes(view: View) -> Iterator[Wrong]:
             observation = replace(simulator.observation, sensors=sensors._replace(state=states))
             window = view.simulated_by(observation=observation)
             words = Words(
-                f"{channel} is of {node}, not of {own}",
+                f"{channel} is of {node}, not of {read_node}",
                 f"{channel} does what the model says of {node}{near if _beside(view, channel) else ''}.",
                 f"Correct 'node' of {channel} in 'observations'",
             )
             tries = len(nodes) * len(view.channels)
-            kind: Kind = "doubled" if node in read and read.count(own) == 1 else "other node"
+            kind: Kind = "doubled" if node in read and read.count(read_node) == 1 else "other node"
             begun = () if node in read else _begun(view, k, node)
             yield Wrong(kind, channel, words, window=window, moved=begun, tries=tries)
 
@@ -230,7 +230,7 @@ def between(view: Comparison) -> Iterator[Wrong]:
 def _drivers_of(scenario: Scenario, channel: str) -> list[str]:
     """Drivers of the loads of a channel's node."""
     loads = scenario.simulator.loads.values() if isinstance(scenario.simulator, SimulatorModel) else ()
-    return list(dict.fromkeys(own.driver for own in loads if own.node == scenario.observations[channel].node))
+    return list(dict.fromkeys(load.driver for load in loads if load.node == scenario.observations[channel].node))
 
 
 def unrelated(view: Comparison) -> Iterator[Wrong]:

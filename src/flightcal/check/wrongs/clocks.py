@@ -101,7 +101,7 @@ def _an_hour(late: float, period: float) -> str:
     orbits = np.arange(1.0, ZONES // period + 1.0)
     others = (late + period * np.concatenate([-orbits, orbits])) / 3600.0
     hours = np.round(others[np.abs(others % 1.0 - 0.5) > _NEAR]).astype(int)
-    whole = min((own for own in hours.tolist() if own), key=abs, default=None)
+    whole = min((hour for hour in hours.tolist() if hour), key=abs, default=None)
     return "" if whole is None else f"{abs(whole)} h {'late' if whole > 0 else 'early'}"
 
 
@@ -144,7 +144,7 @@ def _about_rate(view: View, share: float) -> Iterator[Wrong]:
 
 def _few_shifts(view: Comparison) -> Sequence[float]:
     """Up to half an orbit: beyond, an orbit less is as good."""
-    return (*_FEW_SHIFTS, *(own for own in _FAR_SHIFTS if abs(own) <= 0.5 * view.window.period))
+    return (*_FEW_SHIFTS, *(far_shift for far_shift in _FAR_SHIFTS if abs(far_shift) <= 0.5 * view.window.period))
 
 
 def status_clocks(
@@ -191,35 +191,35 @@ def channel_clocks(
     """Time tags of a channel, or of a group of them, are late or early, by more than lies between two samples."""
     simulated = _simulated(view)
     known = simulated if len(simulated) > 1 else []
-    in_order = (sorted(own, key=view.channels.index) for own in groups or [[name] for name in known])
-    tried, few = {tuple(own): view.apart(own) for own in in_order}, _few_shifts(view)
+    in_order = (sorted(group, key=view.channels.index) for group in groups or [[name] for name in known])
+    tried, few = {tuple(group): view.apart(group) for group in in_order}, _few_shifts(view)
     for late in map(float, few if seconds is None else seconds):
         moved = view.readings(late)
-        for own, least in tried.items():
-            places = [view.channels.index(name) for name in own]
+        for group, least in tried.items():
+            places = [view.channels.index(name) for name in group]
             observed = _moved(view, moved, places) if abs(late) >= least else None
             if observed is None:
                 continue
-            write = f"; or write 'time_offset: {-late:.0f} s' in 'observations' there" if view.are_nodes(own) else ""
+            write = f"; or write 'time_offset: {-late:.0f} s' in 'observations' there" if view.are_nodes(group) else ""
             words = Words(
-                f"{listed(own)} {'is' if len(own) == 1 else 'are'} {off(late)}",
-                f"Moved by {minutes(late)}, {listed(own)} alone, all channels agree with the model.",
-                f"Check the time tags of {listed(own)}{write}",
+                f"{listed(group)} {'is' if len(group) == 1 else 'are'} {off(late)}",
+                f"Moved by {minutes(late)}, {listed(group)} alone, all channels agree with the model.",
+                f"Check the time tags of {listed(group)}{write}",
             )
-            near = partial(_channels_like, view, own, late, apart)
-            alone = as_long(late) if len(own) < len(known) else 1.0
-            tries = alone * len(few) * comb(len(known), len(own))
-            smoothed = view.smoothed(late, own)
-            yield Wrong("channel clock", " ".join(own), words, observed, tries=tries, smoothed=smoothed, closer=near)
+            near = partial(_channels_like, view, group, late, apart)
+            alone = as_long(late) if len(group) < len(known) else 1.0
+            tries = alone * len(few) * comb(len(known), len(group))
+            smoothed = view.smoothed(late, group)
+            yield Wrong("channel clock", " ".join(group), words, observed, tries=tries, smoothed=smoothed, closer=near)
 
 
-def _channels_like(view: Comparison, own: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
+def _channels_like(view: Comparison, names: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
     """About as late, and as late with one more channel: those of one unit are late together."""
-    yield from channel_clocks(view, closer(late, apart), [own], _NARROWER * apart)
-    others = [name for name in _simulated(view) if name not in own]
+    yield from channel_clocks(view, closer(late, apart), [names], _NARROWER * apart)
+    others = [name for name in _simulated(view) if name not in names]
     # All of them are the telemetry's clock.
     if len(others) > 1:
-        yield from channel_clocks(view, [late], [[*own, name] for name in others], apart)
+        yield from channel_clocks(view, [late], [[*names, name] for name in others], apart)
 
 
 def _simulated(view: Comparison) -> list[str]:
@@ -229,12 +229,12 @@ def _simulated(view: Comparison) -> list[str]:
     return [name for name in view.channels if scenario.observations[name].node not in held]
 
 
-def _moved(view: Comparison, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:
+def _moved(view: Comparison, moved: FloatArray, places: Sequence[int]) -> FloatArray | None:
     """Telemetry [t, N] with some channels moved in time; None: too few of their samples are left."""
     observed = view.observed.copy()
-    observed[:, own] = moved[:, own]
+    observed[:, places] = moved[:, places]
     left = np.isfinite(moved).sum(0)
-    return None if len(own) and left[own].min() < _LEFT * left.max() else observed
+    return None if len(places) and left[places].min() < _LEFT * left.max() else observed
 
 
 def _enough(view: Comparison, observed: FloatArray | None) -> bool:
@@ -284,19 +284,19 @@ def packet_clocks(
         packets.setdefault(scenario.telemetry.channels[name].packet or "", []).append(name)
     # One channel alone, all status, or all telemetry is looked at elsewhere.
     tried = {
-        packet: own
-        for packet, own in packets.items()
-        if packet and only in (None, packet) and 1 < len(own) < len(used) and set(own) != statuses
+        packet: members
+        for packet, members in packets.items()
+        if packet and only in (None, packet) and 1 < len(members) < len(used) and set(members) != statuses
     }
     few = _few_shifts(view)
-    tried_shifts = [*few, *(own for own in _HOURS if own not in few)] if seconds is None else seconds
-    for (packet, own), late in product(tried.items(), map(float, tried_shifts)):
-        temperatures = [name for name in view.channels if name in own]
+    tried_shifts = [*few, *(hour for hour in _HOURS if hour not in few)] if seconds is None else seconds
+    for (packet, members), late in product(tried.items(), map(float, tried_shifts)):
+        temperatures = [name for name in view.channels if name in members]
         observed = _moved(view, view.readings(late), [view.channels.index(name) for name in temperatures])
-        if observed is None or abs(late) < view.apart(own):
+        if observed is None or abs(late) < view.apart(members):
             continue
         try:
-            window = _with_late(view, own, late)
+            window = _with_late(view, members, late)
         except (FlightcalError, ValueError):
             continue
         words = Words(
@@ -307,7 +307,7 @@ def packet_clocks(
         near = partial(packet_clocks, view, closer(late, apart), packet, _NARROWER * apart)
         tries = len(few) * len(packets)
         smoothed = view.smoothed(late, temperatures)
-        about = " ".join(own)
+        about = " ".join(members)
         yield Wrong("channel clock", about, words, observed, window, tries=tries, smoothed=smoothed, closer=near)
 
 
@@ -343,7 +343,7 @@ def temperature_clocks(view: View) -> Iterator[Wrong]:
     """
     several = len(view.channels) > 1 and len(_drivers(view)) > 1
     if view.window.scenario.environment.orbit is None and several:
-        yield from (own for own in channel_clocks(view, groups=[view.channels]) if _enough(view, own.observed))
+        yield from (wrong for wrong in channel_clocks(view, groups=[view.channels]) if _enough(view, wrong.observed))
 
 
 def _drivers(view: View) -> set[str]:

@@ -160,11 +160,11 @@ def other_columns(view: View) -> Iterator[Wrong]:
     measured = [name for name, channel in scenario.telemetry.channels.items() if channel.kind == "driver"]
     others = [(name, channel) for name, load in loads.items() for channel in measured if channel != load.driver]
     for name, channel in others:
-        own = loads[name].driver
+        driver = loads[name].driver
         words = Words(
-            f"Load {name} follows {channel}, not {own}",
+            f"Load {name} follows {channel}, not {driver}",
             f"With {channel} as its driver, the heat of load {name} explains the telemetry.",
-            f"Check 'driver' of load {name}, and which columns {channel} and {own} are",
+            f"Check 'driver' of load {name}, and which columns {channel} and {driver} are",
         )
         yield from _driven(view, {name: (loads[name], channel)}, words, len(others))
     pairs = [(a, b) for a, b in combinations(loads, 2) if loads[a].driver != loads[b].driver]
@@ -221,8 +221,10 @@ def left_out(view: View) -> Iterator[Wrong]:
                     f"{name} above zero": above,
                     f"the size of {name}": above + below,
                 }
-            for node, (part, own) in product(view.heat.nodes, parts.items()):
-                yield from _as_driver_says(view, name, part, node, own, len(known) * len(view.heat.nodes) * len(parts))
+            for node, (part, series) in product(view.heat.nodes, parts.items()):
+                yield from _as_driver_says(
+                    view, name, part, node, series, len(known) * len(view.heat.nodes) * len(parts)
+                )
 
 
 def _as_driver_says(view: View, driver: str, part: str, node: str, values: FloatArray, tries: float) -> Iterator[Wrong]:
@@ -275,7 +277,7 @@ def tables(view: View) -> Iterator[Wrong]:
 def tabled(view: View) -> Iterator[Wrong]:
     """A driver that a load has a table over counts the other way round; an angle is of another unit or axis."""
     scenario = view.window.scenario
-    drivers = {name: own for name, own in scenario.telemetry.channels.items() if own.kind == "driver"}
+    drivers = {name: channel for name, channel in scenario.telemetry.channels.items() if channel.kind == "driver"}
     loads = {name: load for name, load in scenario.network.loads.items() if load.table and load.driver in drivers}
     of_angles = {name: load for name, load in loads.items() if drivers[load.driver].is_angle}
     others = {name: load for name, load in loads.items() if name not in of_angles and not load.absolute}
@@ -305,7 +307,7 @@ def _driven(
     for name, (load, channel) in by.items():
         known = scenario.telemetry.channels
         try:
-            written, other = (load_coefficient(load, known[own]) for own in (load.driver, channel))
+            written, other = (load_coefficient(load, known[driver]) for driver in (load.driver, channel))
             if written != other:
                 return
             series = load_series(view, load, channel, fine, lambda values: line[0] * values + line[1])

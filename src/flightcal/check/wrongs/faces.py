@@ -109,13 +109,13 @@ def _plates(view: View, normals: Mapping[str, FaceNormal], turned: _Turned) -> I
     # Of a body that spins so fast that means count, no drive turns anything to the Sun.
     driven = () if spins_fast(view.window.scenario.environment.attitude) else _DRIVEN
     ways: list[FaceNormal] = [*WAYS, *driven]
-    plates: list[_Plate] = [*([own] for own in pairs), *wings]
+    plates: list[_Plate] = [*([pair] for pair in pairs), *wings]
     for plate in plates:
         normal, tries = normals[plate[0][0]], 8.0 * len(plates)
         for way in ways:
             if abs(alike(way, normal)) <= ALONG:
                 yield from _plate(plate, way, turned, tries)
-        for way in dict.fromkeys(own for hinge in _HINGES for own in tilted(normal, hinge)):
+        for way in dict.fromkeys(plate_normal for hinge in _HINGES for plate_normal in tilted(normal, hinge)):
             yield from _plate(plate, way, turned, _of_any_way(tries, _APART), 0.5 * _APART)
 
 
@@ -133,7 +133,9 @@ def _plate(plate: _Plate, way: FaceNormal, turned: _Turned, tries: float, apart:
         for other in tilted(way, apart):
             yield from _plate(plate, other, turned, _of_any_way(tries, apart), 0.5 * apart)
 
-    window = turned({name: own for front, rear in plate for name, own in ((front, way), (rear, behind(way)))})
+    window = turned(
+        {name: side_normal for front, rear in plate for name, side_normal in ((front, way), (rear, behind(way)))}
+    )
     yield Wrong("face", " ".join(names), words, window=window, tries=tries, closer=near)
 
 
@@ -148,13 +150,13 @@ def _two_sided(
         if faces_of[a].node == faces_of[b].node and alike(normals[a], behind(normals[b])) > 1.0 - SAME
     ]
     like = [_like(front, pairs, normals) for front, _ in pairs]
-    return pairs, [own for k, own in enumerate(like) if len(own) > 1 and own not in like[:k]]
+    return pairs, [pairs for k, pairs in enumerate(like) if len(pairs) > 1 and pairs not in like[:k]]
 
 
 def _like(front: str, pairs: Sequence[tuple[str, str]], normals: Mapping[str, FaceNormal]) -> list[tuple[str, str]]:
     """Both sides of all plates that look as this face does, that side first."""
-    both_ways = [own for a, b in pairs for own in ((a, b), (b, a))]
-    return [own for own in both_ways if alike(normals[own[0]], normals[front]) > 1.0 - SAME]
+    both_ways = [pair for a, b in pairs for pair in ((a, b), (b, a))]
+    return [both_way for both_way in both_ways if alike(normals[both_way[0]], normals[front]) > 1.0 - SAME]
 
 
 def elsewhere(view: View) -> Iterator[Wrong]:
@@ -193,7 +195,7 @@ def _exchanged(view: View, normals: Mapping[str, FaceNormal]) -> Iterator[Wrong]
     """Two faces look each other's way, or both sides of all wings."""
     columns, kinds = view.network.network.columns, flux_kinds(view.window.scenario)
     pairs = [(a, b) for a, b in combinations(normals, 2) if alike(normals[a], normals[b]) < 1.0 - SAME]
-    for both in [[own] for own in pairs] + _two_sided(view, normals)[1]:
+    for both in [[couple] for couple in pairs] + _two_sided(view, normals)[1]:
         ones, others = zip(*both, strict=True)
         a, b = ([columns.index(f"{kind}.{name}") for name in names for kind in kinds] for names in (ones, others))
         words = Words(
@@ -233,7 +235,7 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
     if angle < _LEAST_TILT:
         return
     looking = _looking(view, Rotation.from_rotvec(turn, degrees=True).as_matrix())
-    about = ", ".join(f"{own:+.0f}" for own in turn)
+    about = ", ".join(f"{number:+.0f}" for number in turn)
     advice = "Check 'attitude' in 'environment', and the axes of 'normal' in 'simulator: faces'"
     words = Words(
         f"The body is turned by {angle:.0f} deg against its attitude",

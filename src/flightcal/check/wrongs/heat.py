@@ -85,7 +85,7 @@ def modes(view: View) -> Iterator[Wrong]:
 
 def _common(view: View, node: str) -> float:
     """W that all modes have in common in a node, which is no matter of any mode."""
-    return min((own.get(node, 0.0) for own in view.window.scenario.network.modes.values()), default=0.0)
+    return min((mode.get(node, 0.0) for mode in view.window.scenario.network.modes.values()), default=0.0)
 
 
 def _mode_elsewhere(

@@ -70,8 +70,8 @@ def heaters(view: View) -> Iterator[Wrong]:
 
         if view.network.network.paths.index(f"heaters.{name}.power") in view.network.mapping.set_positions:
             waves = block.power * np.repeat(on, 2)[None]
-            own = view.response(view.window, view.middle, block.node, waves)
-            yield Wrong("heater", name, words, columns=own, least=POWER, tries=len(blocks))
+            responses = view.response(view.window, view.middle, block.node, waves)
+            yield Wrong("heater", name, words, columns=responses, least=POWER, tries=len(blocks))
         else:
             yield from _powers(view, name, [name], (0.0, *FEW_TIMES, *FACTORS), len(blocks))
         yield from _from_then_on(view, name, np.linspace(0.0, view.network.drive.times[-1], _PARTS + 1)[1:-1], _PARTS)
@@ -104,7 +104,7 @@ def _from_then_on(view: View, name: str, starts: Sequence[float] | FloatArray, p
     on, length = np.nan_to_num(drive.measured[:, view.switch_of[name]]), float(drive.times[-1])
     lasting = np.stack([on * (drive.times[:-1] >= start) for start in starts])
     # Before and after, it has to heat often enough to be told.
-    told = [k for k, own in enumerate(lasting) if _TOLD < own.sum() / on.sum() < 1.0 - _TOLD]
+    told = [k for k, lasts in enumerate(lasting) if _TOLD < lasts.sum() / on.sum() < 1.0 - _TOLD]
     if not told:
         return
     effects = view.response(view.window, view.middle, block.node, block.power * np.repeat(lasting[told], 2, axis=1))
@@ -168,8 +168,8 @@ def useless_statuses(view: View) -> Iterator[Wrong]:
         )
         data = view.telemetry.assign({status: ("time", on)})
         columns = _about_its_switches(view, name, status_fraction(data, status, view.utc(view.network.drive.times)))
-        for own in driven_otherwise("thermostat", name, words, view, tries=len(view.network.heaters), telemetry=data):
-            yield replace(own, columns=columns)
+        for wrong in driven_otherwise("thermostat", name, words, view, tries=len(view.network.heaters), telemetry=data):
+            yield replace(wrong, columns=columns)
 
 
 def _about_its_switches(view: View, switch: str, on: FloatArray) -> FloatArray:
@@ -276,11 +276,11 @@ def _switching(view: View, name: str, columns: FloatArray, least: float) -> Wron
 
 def thresholds(view: View) -> Iterator[Wrong]:
     """A heater switches at other temperatures than its thresholds."""
-    for row, own in enumerate(view.thermostats):
+    for row, thermostat in enumerate(view.thermostats):
         column = np.zeros((len(view.as_read), 1))
         column[len(column) - len(view.thermostats) + row] = _THRESHOLD
 
-        def words(fit: Fit, heater: str = own.heater) -> Words:
+        def words(fit: Fit, heater: str = thermostat.heater) -> Words:
             above = _THRESHOLD * float(fit.added[0])
             return Words(
                 f"{heater} switches {number(abs(above), 2)} K {'above' if above > 0 else 'below'} its thresholds",
@@ -290,7 +290,7 @@ def thresholds(view: View) -> Iterator[Wrong]:
             )
 
         tries = len(view.thermostats)
-        yield Wrong("thresholds", own.heater, words, columns=column, least=2.0 / _THRESHOLD, tries=tries)
+        yield Wrong("thresholds", thermostat.heater, words, columns=column, least=2.0 / _THRESHOLD, tries=tries)
 
 
 WRONGS = (statuses, heaters, useless_statuses, thresholds, unmeasured)

@@ -44,7 +44,7 @@ class _Lacking:
     @property
     def nodes(self) -> str:
         """Those of the faces, in words."""
-        return listed([own.node for own in self.faces])
+        return listed([face.node for face in self.faces])
 
 
 def faces_left_out(view: View) -> Iterator[Wrong]:
@@ -98,7 +98,7 @@ def _of(lacking: _Lacking, making: _Making, tries: float, near: int = 0) -> Iter
     one, many = lacking.faces[0], len(lacking.faces) > 1
     other = f"the other {'sides' if many else 'side'} of {listed(lacking.behind)}"
     place = f" on {other}" if lacking.behind else ""
-    area = " and ".join(dict.fromkeys(number(own.area, 2) for own in lacking.faces))
+    area = " and ".join(dict.fromkeys(number(face.area, 2) for face in lacking.faces))
     absorptivity, emissivity = number(one.absorptivity, 2), number(one.emissivity, 2)
     words = Words(
         f"{'Faces' if many else 'A face'} of {lacking.nodes} {'are' if many else 'is'} missing in the scenario",
@@ -110,7 +110,7 @@ def _of(lacking: _Lacking, making: _Making, tries: float, near: int = 0) -> Iter
 
     def closer() -> Iterator[Wrong]:
         for times, ratio in product(_AREAS, _RATIOS):
-            faces = tuple(_sized(own, times, ratio) for own in lacking.faces)
+            faces = tuple(_sized(face, times, ratio) for face in lacking.faces)
             yield from _of(replace(lacking, faces=faces), making, tries, near + 1)
 
     window = making(lacking.faces)
@@ -179,15 +179,15 @@ def other_ends(view: View) -> Iterator[Wrong]:
     """A conductor ends at another node than the scenario says."""
     model, network, mapping = view.window.scenario.network, view.network.network, view.network.mapping
     number_of = {
-        frozenset(own.between): f"conductors.{own.label}.conductance"
-        for own in model.conductors
-        if own.conductance is not None and PIN not in own.label
+        frozenset(conductor.between): f"conductors.{conductor.label}.conductance"
+        for conductor in model.conductors
+        if conductor.conductance is not None and PIN not in conductor.label
     }
     places = {pair: network.position(path) for pair, path in number_of.items()}
     nothing = {pair for pair, k in places.items() if 0.0 < mapping.written[k] <= _NONE}
     moves = [(pair, other) for pair in places for other in nothing if pair not in nothing and len(pair & other) == 1]
     for pair, other in moves:
-        name, should = (number_of[own].split(".")[1] for own in (pair, other))
+        name, should = (number_of[ends].split(".")[1] for ends in (pair, other))
         (was,), (end,) = pair - other, other - pair
         words = Words(
             f"Conductor {name} is of {end}, not of {was}",

@@ -66,7 +66,10 @@ def alike(one: FaceNormal, other: FaceNormal) -> float:
     """
     if isinstance(one, SunTracking) != isinstance(other, SunTracking):
         return 0.0
-    a, b = (np.array(own.tracks_sun_about if isinstance(own, SunTracking) else own, float) for own in (one, other))
+    a, b = (
+        np.array(normal.tracks_sun_about if isinstance(normal, SunTracking) else normal, float)
+        for normal in (one, other)
+    )
     cosine = float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
     if isinstance(one, SunTracking) and isinstance(other, SunTracking):
         return abs(cosine) if one.back == other.back else -abs(cosine)
@@ -76,14 +79,14 @@ def alike(one: FaceNormal, other: FaceNormal) -> float:
 def looking(view: View, normals: Mapping[str, FaceNormal], node: str, way: FaceNormal) -> tuple[str, ...]:
     """Faces of a node, of those whose normals are known, that look a way."""
     faces = view.window.scenario.network.faces
-    return tuple(name for name, own in normals.items() if faces[name].node == node and alike(own, way) > ALONG)
+    return tuple(name for name, normal in normals.items() if faces[name].node == node and alike(normal, way) > ALONG)
 
 
 def behind(way: FaceNormal) -> FaceNormal:
     """How the other side of a plate looks."""
     if isinstance(way, SunTracking):
         return way.model_copy(update={"back": not way.back})
-    x, y, z = (-float(own) if own else 0.0 for own in way)
+    x, y, z = (-float(number) if number else 0.0 for number in way)
     return x, y, z
 
 
@@ -95,7 +98,7 @@ def tilted(way: FaceNormal, angle: float) -> list[FaceNormal]:
     for axis, turn in product(np.eye(3), (-angle, -0.5 * angle, 0.5 * angle, angle)):
         x, y, z = Rotation.from_rotvec(turn * axis, degrees=True).apply(np.array(way, float)).tolist()
         found.append((x, y, z))
-    return [own for own in found if alike(way, own) < 1.0 - SAME]
+    return [normal for normal in found if alike(way, normal) < 1.0 - SAME]
 
 
 def named(axis: Sequence[float]) -> str:
@@ -112,4 +115,4 @@ def written(way: FaceNormal) -> str:
 
 
 def _numbers(axis: Iterable[float | str]) -> str:
-    return f"[{', '.join(f'{float(own) + 0.0:.3g}' for own in axis)}]"
+    return f"[{', '.join(f'{float(number) + 0.0:.3g}' for number in axis)}]"

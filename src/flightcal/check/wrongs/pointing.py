@@ -87,10 +87,10 @@ def _likeliest(b: FloatArray, inner: FloatArray, attitudes: int, least: float) -
 
 def _best_of(left: FloatArray, inner: FloatArray, free: NDArray[np.bool_], which: int) -> tuple[float, int, int]:
     """Nats of the likeliest stretch of an attitude, of free pieces only; its first piece and the one after its last."""
-    own = slice(which * _PIECES, (which + 1) * _PIECES)
-    linear = np.concatenate([[0.0], np.cumsum(left[own])])
+    piece = slice(which * _PIECES, (which + 1) * _PIECES)
+    linear = np.concatenate([[0.0], np.cumsum(left[piece])])
     square = np.zeros((_PIECES + 1, _PIECES + 1))
-    square[1:, 1:] = inner[own, own].cumsum(axis=0).cumsum(axis=1)
+    square[1:, 1:] = inner[piece, piece].cumsum(axis=0).cumsum(axis=1)
     diagonal = np.diag(square)
     occupied = np.concatenate([[0], np.cumsum(~free)])
     # [first, last]: a sum over a block of a matrix from its sums from the corner.
@@ -112,7 +112,7 @@ def _timeline(view: View) -> AttitudeTimeline | None:
 
 
 def _written(attitude: AttitudeTimeline) -> list[str]:
-    return [own.attitude for own in attitude.timeline if isinstance(own.attitude, str)]
+    return [change.attitude for change in attitude.timeline if isinstance(change.attitude, str)]
 
 
 def _begin(stretch: _Stretch) -> datetime:
@@ -160,8 +160,9 @@ def _absorbed(view: View, attitude: AttitudeTimeline) -> FloatArray:
 
 def _flown(view: View, attitude: AttitudeTimeline, stretches: tuple[_Stretch, ...], tries: float) -> Iterator[Wrong]:
     spans = [
-        f"'{own.attitude}' from {own.begin.isoformat(timespec='seconds')} to {own.end.isoformat(timespec='seconds')}"
-        for own in stretches
+        f"'{stretch.attitude}' from {stretch.begin.isoformat(timespec='seconds')} to "
+        f"{stretch.end.isoformat(timespec='seconds')}"
+        for stretch in stretches
     ]
     title = (
         f"The satellite was in {spans[0]}"
@@ -176,14 +177,14 @@ def _flown(view: View, attitude: AttitudeTimeline, stretches: tuple[_Stretch, ..
 
     def near() -> Iterator[Wrong]:
         piece = timedelta(seconds=float(view.network.drive.times[-1])) / _PIECES
-        for k, own in enumerate(stretches):
+        for k, stretch in enumerate(stretches):
             for share, sign, end in product(_ENDS, (-1, 1), ("begin", "end")):
-                moved = replace(own, **{end: getattr(own, end) + sign * share * piece})
+                moved = replace(stretch, **{end: getattr(stretch, end) + sign * share * piece})
                 others = (*stretches[:k], moved, *stretches[k + 1 :])
                 if all(one.begin < one.end for one in others) and _apart(others):
                     yield from _flown(view, attitude, others, tries)
 
-    about = "stretch " + " ".join(dict.fromkeys(own.attitude for own in stretches))
+    about = "stretch " + " ".join(dict.fromkeys(stretch.attitude for stretch in stretches))
     scenario = elsewhere(view, attitude=_with(attitude, stretches))
     yield from driven_otherwise("attitude", about, words, view, tries=tries, closer=near, scenario=scenario)
 
@@ -191,12 +192,12 @@ def _flown(view: View, attitude: AttitudeTimeline, stretches: tuple[_Stretch, ..
 def _with(attitude: AttitudeTimeline, stretches: Sequence[_Stretch]) -> AttitudeTimeline:
     """Attitudes one after another with stretches in the place of what was there."""
     changes = list(attitude.timeline)
-    for own in stretches:
-        back = [change for change in changes if change.at <= own.end] or changes[:1]
-        changes = [change for change in changes if not own.begin <= change.at <= own.end]
+    for stretch in stretches:
+        back = [change for change in changes if change.at <= stretch.end] or changes[:1]
+        changes = [change for change in changes if not stretch.begin <= change.at <= stretch.end]
         changes += [
-            AttitudeChange(at=own.begin, attitude=own.attitude),
-            AttitudeChange(at=own.end, attitude=back[-1].attitude),
+            AttitudeChange(at=stretch.begin, attitude=stretch.attitude),
+            AttitudeChange(at=stretch.end, attitude=back[-1].attitude),
         ]
         changes.sort(key=lambda change: change.at)
     return attitude.model_copy(update={"timeline": tuple(changes)})

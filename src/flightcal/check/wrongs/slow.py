@@ -35,7 +35,7 @@ def lags(view: View, seconds: Sequence[float] = _LAGS, only: str | None = None) 
             f"Write 'observations: {{{channel}: {{lag: {lag:.0f} s}}}}', or check which sensor it is",
         )
 
-    known = {name for name, own in view.window.scenario.observations.items() if own.lag is not None}
+    known = {name for name, observation in view.window.scenario.observations.items() if observation.lag is not None}
     chosen = [channel for channel in _chosen(view, only) if channel not in known]
     for size in seconds:
         for wrong in _slow(view, chosen, size, _share_of_lag, words, lags):
@@ -83,7 +83,7 @@ def _not_told(view: View, memory: Memory, width: float) -> FloatArray:
     first, last = view.seconds[[0, -1]]
     reach = 0.5 * width * np.linspace(0.0, 1.0, _PIECES + 1)
     edges = (first - reach[::-1], last + reach)
-    shares = [np.diff(_share_of_mean(width, own - view.rows.seconds[:, None]), axis=1) for own in edges]
+    shares = [np.diff(_share_of_mean(width, edge - view.rows.seconds[:, None]), axis=1) for edge in edges]
     known, later = view.modelled_of(channel), np.clip(view.rows.seconds + 0.5 * width, None, view.rows.seconds[-1])
     change = float(np.sqrt(np.mean((np.interp(later, view.rows.seconds, known) - known) ** 2)))
     begun = replace(view, memory=memory).begun_of(channel)[:, None]

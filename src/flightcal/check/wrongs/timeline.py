@@ -39,16 +39,16 @@ def stretches(view: View) -> Iterator[Wrong]:
 def _usual(timeline: Sequence[ModeChange]) -> str | None:
     """The mode that lasts longest in all; None: there is no timeline."""
     lasted: dict[str, float] = {}
-    for own, after in pairwise(timeline):
-        lasted[own.mode] = lasted.get(own.mode, 0.0) + (after.at - own.at).total_seconds()
+    for change, after in pairwise(timeline):
+        lasted[change.mode] = lasted.get(change.mode, 0.0) + (after.at - change.at).total_seconds()
     return max(lasted, key=lambda mode: lasted[mode], default=None)
 
 
 def _cancelled(view: View, k: int, tries: int) -> Iterator[Wrong]:
     timeline = view.window.scenario.network.timeline
-    before, own = timeline[k - 1].mode, _named(view, k)
+    before, mode = timeline[k - 1].mode, _named(view, k)
     words = Words(
-        f"{own} did not take place",
+        f"{mode} did not take place",
         f"With '{before}' in its place, the model explains the telemetry.",
         "Check it in 'simulator: timeline' against what was flown",
     )
@@ -61,7 +61,8 @@ def _moved(view: View, k: int, tries: int, seconds: Sequence[float] | FloatArray
     last = timeline[k + 2].at if k + 2 < len(timeline) else datetime.max
     for late in map(float, seconds):
         moved = [
-            own.model_copy(update={"at": own.at + timedelta(seconds=late)}) for own in (timeline[k], timeline[k + 1])
+            change.model_copy(update={"at": change.at + timedelta(seconds=late)})
+            for change in (timeline[k], timeline[k + 1])
         ]
         if not timeline[k - 1].at < moved[0].at < moved[1].at < last:
             continue

@@ -173,11 +173,11 @@ def coatings(view: View) -> Iterator[Wrong]:
     """Absorptivity and emissivity of every face are each other's, where no parameter says what they are."""
     paths, fixed = view.network.network.paths, {view.network.network.paths[k] for k in _fixed_numbers(view)}
     faces = [path.rpartition(".")[0] for path in paths if path.startswith("faces.") and path.endswith(".emissivity")]
-    own = [path for face in faces for path in (f"{face}.absorptivity", f"{face}.emissivity")]
-    if len(faces) < 2 or not fixed.issuperset(own):
+    coating_paths = [path for face in faces for path in (f"{face}.absorptivity", f"{face}.emissivity")]
+    if len(faces) < 2 or not fixed.issuperset(coating_paths):
         return
     written = view.network.mapping.written.copy()
-    places = np.array([paths.index(path) for path in own]).reshape(-1, 2)
+    places = np.array([paths.index(path) for path in coating_paths]).reshape(-1, 2)
     written[places] = written[places[:, ::-1]]
     words = Words(
         "Absorptivity and emissivity are exchanged",
@@ -273,7 +273,7 @@ def _of_prior(view: View, name: str, factor: float, tries: float, *, near: bool)
         for more in AROUND:
             yield from _of_prior(view, name, factor * more, tries, near=True)
 
-    value, median = (float(own.median[entry]) for own in (moved, view))
+    value, median = (float(matrix.median[entry]) for matrix in (moved, view))
     unit = view.window.scenario.parameters[name].unit
     words = Words(
         f"The prior of {name} is {number(1.0 / factor, 2)} times what it should be",
@@ -309,8 +309,8 @@ def _of_two_parts(view: View) -> Iterator[_Exchange]:
     for block, numbers in _ALIKE:
         places_of = [k for k, path in enumerate(paths) if path.startswith(block) and path.endswith(numbers[0])]
         known = [k for k in places_of if now[k] > _NONE and PIN not in paths[k]]
-        own = [paths[k].rpartition(".")[0] for k in sorted(known, key=lambda k: -now[k])]
-        for a, b in combinations(own, 2) if len(own) <= _MOST_ALIKE else ():
+        blocks = [paths[k].rpartition(".")[0] for k in sorted(known, key=lambda k: -now[k])]
+        for a, b in combinations(blocks, 2) if len(blocks) <= _MOST_ALIKE else ():
             places = [tuple(paths.index(f"{name}.{number}") for name in (a, b)) for number in numbers]
             if all(now[p] > _NONE and now[q] > _NONE for p, q in places):
                 what = " and ".join(numbers)
@@ -330,16 +330,16 @@ def _of_one_coating(view: View) -> Iterator[_Exchange]:
     for face in faces:
         pair = tuple(float(now[paths.index(f"{face}.{kind}")]) for kind in ("absorptivity", "emissivity"))
         alike.setdefault(pair, []).append(face)
-    groups = [own for own in alike.values() if 1 < len(own) < len(faces)]
-    for own in (*([face] for face in faces), *groups) if len(faces) <= _MOST_COATINGS else ():
-        places = [tuple(paths.index(f"{face}.{kind}") for kind in ("absorptivity", "emissivity")) for face in own]
-        name = listed(own)
+    groups = [members for members in alike.values() if 1 < len(members) < len(faces)]
+    for members in (*([face] for face in faces), *groups) if len(faces) <= _MOST_COATINGS else ():
+        places = [tuple(paths.index(f"{face}.{kind}") for kind in ("absorptivity", "emissivity")) for face in members]
+        name = listed(members)
         words = Words(
             f"Absorptivity and emissivity of {name} are exchanged",
             f"With the two of {name} exchanged, the model explains the telemetry.",
             f"Check 'absorptivity' and 'emissivity' of {name}, and the priors of what sets them",
         )
-        yield " ".join(f"{face}.absorptivity {face}.emissivity" for face in own), words, places
+        yield " ".join(f"{face}.absorptivity {face}.emissivity" for face in members), words, places
 
 
 def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) -> tuple[Moved, tuple[float, ...]] | None:

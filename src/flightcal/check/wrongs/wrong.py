@@ -160,9 +160,9 @@ def driven(
         put(inputs, columns, fine, _modes(view, (fine - modes) / (1.0 + gaining), timeline), drive.times)
     if telemetry is not None:
         edges, measured = view.utc(drive.times), measured.copy()
-        for k, own in enumerate(view.window.scenario.network.switches.values()):
-            if own.measured_by:
-                measured[:, k] = status_fraction(telemetry, own.measured_by, edges)
+        for k, heater in enumerate(view.window.scenario.network.switches.values()):
+            if heater.measured_by:
+                measured[:, k] = status_fraction(telemetry, heater.measured_by, edges)
     return view.simulated_by(drive=replace(drive, inputs=inputs, measured=measured))
 
 
@@ -270,7 +270,7 @@ def _modes(view: View, seconds: FloatArray, timeline: Sequence[ModeChange]) -> d
         return {}
     changes = np.array([change.at for change in timeline], "datetime64[ns]")
     active = [timeline[max(k - 1, 0)].mode for k in np.searchsorted(changes, view.utc(seconds), side="right")]
-    return {f"mode.{mode}": np.array([float(mode == own) for own in active]) for mode in model.modes}
+    return {f"mode.{mode}": np.array([float(mode == flag) for flag in active]) for mode in model.modes}
 
 
 def status_channels(view: View) -> dict[str, str]:
@@ -283,7 +283,7 @@ def status_channels(view: View) -> dict[str, str]:
 
 def span_of(view: View) -> tuple[datetime, datetime]:
     """When the view's window begins and ends, UTC."""
-    begin, end = (own.astype("datetime64[us]").item() for own in view.utc(view.network.drive.times[[0, -1]]))
+    begin, end = (time.astype("datetime64[us]").item() for time in view.utc(view.network.drive.times[[0, -1]]))
     return begin, end
 
 

@@ -49,20 +49,22 @@ def likely(found: Sequence[Mapping[str, Any]]) -> list[Finding]:
 
     It was so before any sampling, and is not mended by it.
     """
-    compared = [own for own in found if own.get("nats") is not None]
-    findings = [_likely(own, "Likely wrong") for own in found if own.get("nats") is None]
+    compared = [suspicion for suspicion in found if suspicion.get("nats") is not None]
+    findings = [_likely(suspicion, "Likely wrong") for suspicion in found if suspicion.get("nats") is None]
     if len(compared) == 1:
         findings.append(_likely(compared[0], "Likely wrong"))
     elif compared:
         best = _likely(compared[0], f"Likely wrong, one of {len(compared)}")
         text = f"{best.text} What follows explains the telemetry nearly as well; or the model is too simple."
-        findings.append(replace(best, text=text, details=tuple(f"Or: {own['title']}." for own in compared[1:])))
+        findings.append(
+            replace(best, text=text, details=tuple(f"Or: {suspicion['title']}." for suspicion in compared[1:]))
+        )
     return findings
 
 
-def _likely(own: Mapping[str, Any], mark: str) -> Finding:
-    title = own["title"] if own.get("kind") == UNEXPLAINED else f"{mark}: {own['title']}"
-    return Finding("bad", title, str(own["sentence"]), then=f"{own['advice']}.")
+def _likely(suspicion: Mapping[str, Any], mark: str) -> Finding:
+    title = suspicion["title"] if suspicion.get("kind") == UNEXPLAINED else f"{mark}: {suspicion['title']}"
+    return Finding("bad", title, str(suspicion["sentence"]), then=f"{suspicion['advice']}.")
 
 
 def noise(run: RunFiles) -> Finding:
@@ -89,7 +91,7 @@ def noise(run: RunFiles) -> Finding:
             text = " ".join(f"{text} {correlation_expected(judged)} {TESTED}".split())
         return Finding("good", "The residuals look like the noise that was assumed", text, details)
     worst = max(filter(matters, every), key=lambda c: c.factor)
-    window, of_window = next((name, own) for name, own in checks.items() if worst in own)
+    window, of_window = next((name, check) for name, check in checks.items() if worst in check)
     against = list(filter(matters, of_window))
     tested = listed(list(dict.fromkeys(c.tested for c in against)))
     assumed, discrepant = assumption(against), any(c.discrepant for c in against)
@@ -126,7 +128,7 @@ def heat(run: RunFiles) -> list[Finding]:
 
 def _wandering_heat(run: RunFiles) -> list[Finding]:
     """Whether much heat comes and goes otherwise than with the orbit: a caution, and nothing else."""
-    sizes = {own.node: own.wandering for own in node_heats(run) if own.wandering > WANDERING}
+    sizes = {node_heat.node: node_heat.wandering for node_heat in node_heats(run) if node_heat.wandering > WANDERING}
     if not sizes:
         return []
     named = listed([f"{name} ({percent(share, 0)})" for name, share in sizes.items()])
@@ -152,7 +154,11 @@ def _doubted_by_heat(run: RunFiles, nodes: Collection[str]) -> tuple[str, ...]:
     """
     simulator = run.written.get("simulator") or {}
     heaters = simulator.get("heaters")
-    there = [name for name, own in heaters.items() if own.get("node") in nodes] if isinstance(heaters, Mapping) else []
+    there = (
+        [name for name, heater in heaters.items() if heater.get("node") in nodes]
+        if isinstance(heaters, Mapping)
+        else []
+    )
     acting = [info.name for info in run.parameters if _acts_on(info, nodes, simulator)]
     doubted = sorted(widened(run), key=lambda name: name not in acting)
     return (*_unmeasured(run, there), *(tuple(map(value_of, doubted)) or ("values of parameters",)))
@@ -160,7 +166,7 @@ def _doubted_by_heat(run: RunFiles, nodes: Collection[str]) -> tuple[str, ...]:
 
 def _unmeasured(run: RunFiles, heaters: Collection[str]) -> list[str]:
     """The duty cycles of those of these heaters whose status is not measured."""
-    found = [own.heater for own in duties(run) if own.heater in heaters and not np.isfinite(own.measured)]
+    found = [duty.heater for duty in duties(run) if duty.heater in heaters and not np.isfinite(duty.measured)]
     return list(map(duty_of, dict.fromkeys(found)))
 
 
@@ -178,7 +184,7 @@ def _acts_on(info: ParameterInfo, nodes: Collection[str], simulator: Mapping[str
 
 def thresholds(run: RunFiles) -> list[Finding]:
     """Heaters that switch at other temperatures than the scenario says, by what their sensors' channels read."""
-    known = next((own for own in run.windows.values() if "least_threshold_offset" in own), None)
+    known = next((dataset for dataset in run.windows.values() if "least_threshold_offset" in dataset), None)
     if known is None:
         return []
     beside = {
@@ -213,12 +219,12 @@ def _lasting_heat(run: RunFiles, of: str) -> list[Finding]:
     """How large the heat is that comes again with the orbit, which is called `of` where it is small."""
     if run.heat is None:
         return []
-    found = [(own.node, own.share, own.allowed) for own in node_heats(run)]
+    found = [(node_heat.node, node_heat.share, node_heat.allowed) for node_heat in node_heats(run)]
     if of_gains := gains(run):
         found.append(("gains (relative errors of modes and absorbed fluxes)", of_gains.quantiles[0], 1.0))
     if not found:
         return []
-    found.sort(key=lambda own: -own[1] / own[2])
+    found.sort(key=lambda item: -item[1] / item[2])
     wider, taken = widened(run), ""
     if wider:
         taken = f" It takes most from {shortened(wider)}: their intervals are more than {WIDER:g} times as wide."
@@ -240,9 +246,9 @@ def _lasting_heat(run: RunFiles, of: str) -> list[Finding]:
         title = f"Unmodelled heat is large: {worst}, {percent(share, 0)} of what flows"
         nodes = [name for name, share, allowed in found if state(share, allowed)]
         return [Finding("warn", title, text, not_for=_doubted_by_heat(run, nodes), then=_find(worst))]
-    largest, share, _ = max(found, key=lambda own: own[1])
+    largest, share, _ = max(found, key=lambda item: item[1])
     text = f"The telemetry proves no more than {percent(share)} of the mean heat through any node ({largest})."
-    if likely := max(node_heats(run), key=lambda own: own.most, default=None):
+    if likely := max(node_heats(run), key=lambda node_heat: node_heat.most, default=None):
         text += f" Expected are up to {percent(likely.most)} ({likely.node}), which may as well be parameters."
     text += taken
     title = f"{of} is small" if share <= LARGE else f"{of} is no larger than the scenario expects"
@@ -336,25 +342,27 @@ def prior_conflict(run: RunFiles) -> Finding:
     return Finding("good", "Posteriors lie where their priors expect them", text)
 
 
-def _bent(own: PriorScore) -> bool:
+def _bent(prior_score: PriorScore) -> bool:
     """Whether a prior that is a guess bends a value: by some of its deviation, or it is far off anyhow."""
-    narrowed = float(np.sqrt(max(0.0, 1.0 - own.usual_score**2)))
-    return abs(own.prior_score) > min(_GUESSED, _BENDS / max(narrowed, 1e-9))
+    narrowed = float(np.sqrt(max(0.0, 1.0 - prior_score.usual_score**2)))
+    return abs(prior_score.prior_score) > min(_GUESSED, _BENDS / max(narrowed, 1e-9))
 
 
 def _held_drivers(run: RunFiles) -> list[str]:
     """The drivers whose values stay until the next sample."""
     channels = (run.written.get("telemetry") or {}).get("channels") or {}
-    return [name for name, own in channels.items() if isinstance(own, Mapping) and own.get("fill") == "hold"]
+    return [
+        name for name, channel in channels.items() if isinstance(channel, Mapping) and channel.get("fill") == "hold"
+    ]
 
 
 def _between_samples(run: RunFiles, named: list[str]) -> bool:
     """Whether what is named are time errors alone, each far shorter than the telemetry tells times."""
-    errors = [own.mean for own in run.calibrated if own.kind == "time" and own.name in named]
+    errors = [quantity.mean for quantity in run.calibrated if quantity.kind == "time" and quantity.name in named]
     times = [window["time"].values for window in run.windows.values() if window.sizes["time"] > 1]
     if len(errors) < len(named) or not times:
         return False
-    apart = min(float(np.median(np.diff(own)) / np.timedelta64(1, "s")) for own in times)
+    apart = min(float(np.median(np.diff(time)) / np.timedelta64(1, "s")) for time in times)
     return max(map(abs, errors)) < _SHORT * apart
 
 
@@ -363,8 +371,12 @@ def lasting_noise(run: RunFiles) -> list[Finding]:
 
     Beside heat it is seldom: heat takes up what lasts.
     """
-    places = {own.name: own for own in run.calibrated if own.kind == "noise" and own.name.endswith(_MEMORY)}
-    out_by = {name: own for name, own in run.prior_scores.items() if name in places}
+    places = {
+        quantity.name: quantity
+        for quantity in run.calibrated
+        if quantity.kind == "noise" and quantity.name.endswith(_MEMORY)
+    }
+    out_by = {name: prior_score for name, prior_score in run.prior_scores.items() if name in places}
     conflict = _conflict(out_by) if run.heat is None else None
     named = [name for name in conflict[1] if out_by[name].prior_score > 0.0] if conflict else []
     if not named:
@@ -385,9 +397,9 @@ def _conflict(out_by: dict[str, PriorScore]) -> tuple[State, list[str]] | None:
     """How bad it is that normal scores are so far out, and which are to be named; None: as is to be expected."""
     if not out_by:
         return None
-    by_usual = {name: abs(own.prior_score) / own.usual_score for name, own in out_by.items()}
+    by_usual = {name: abs(prior_score.prior_score) / prior_score.usual_score for name, prior_score in out_by.items()}
     alone = {name: 2.0 * float(norm.sf(score)) * len(out_by) for name, score in by_usual.items()}
-    together = float(chi2.sf(sum(own.prior_score**2 for own in out_by.values()), len(out_by)))
+    together = float(chi2.sf(sum(prior_score.prior_score**2 for prior_score in out_by.values()), len(out_by)))
     order = sorted(out_by, key=lambda name: -by_usual[name])
     off = [name for name in order if alone[name] < OFF]
     if not off and together >= OFF:
@@ -399,54 +411,66 @@ def _out_by(out_by: dict[str, PriorScore], named: list[str]) -> str:
     return listed([f"{name} ({_far(out_by[name])})" for name in named[:MOST_NAMED]])
 
 
-def _far(own: PriorScore) -> str:
+def _far(prior_score: PriorScore) -> str:
     """In words; where the telemetry hardly narrows the prior, also what it can move it by."""
-    words = f"{abs(own.prior_score):.1f} deviations {'above' if own.prior_score > 0 else 'below'}"
-    if own.usual_score > _NARROWED_MUCH:
+    words = f"{abs(prior_score.prior_score):.1f} deviations {'above' if prior_score.prior_score > 0 else 'below'}"
+    if prior_score.usual_score > _NARROWED_MUCH:
         return words
-    return f"{words}, and so little narrower than its prior that {own.usual_score:.1f} is usual"
+    return f"{words}, and so little narrower than its prior that {prior_score.usual_score:.1f} is usual"
 
 
 def _far_title(out_by: dict[str, PriorScore], named: list[str]) -> str:
     if named[1:]:
         return f"{len(named)} values lie far from where their priors expect them, worst {named[0]}"
-    own = out_by[named[0]]
-    title = f"{named[0]} lies {abs(own.prior_score):.1f} deviations from where its prior expects it"
-    return title if own.usual_score > _NARROWED_MUCH else f"{title}, where {own.usual_score:.1f} is usual"
+    prior_score = out_by[named[0]]
+    title = f"{named[0]} lies {abs(prior_score.prior_score):.1f} deviations from where its prior expects it"
+    return (
+        title if prior_score.usual_score > _NARROWED_MUCH else f"{title}, where {prior_score.usual_score:.1f} is usual"
+    )
 
 
 def resting(run: RunFiles) -> list[Finding]:
     """Values that are much less well known if fixed numbers are off: they bear on no prediction, and are no fault."""
-    found = [own for own in run.calibrated if own.kind == "parameter" and own.times_as_wide > _RESTS]
+    found = [
+        quantity for quantity in run.calibrated if quantity.kind == "parameter" and quantity.times_as_wide > _RESTS
+    ]
     if run.fixed_numbers is None or not found:
         return []
-    found.sort(key=lambda own: -own.times_as_wide)
+    found.sort(key=lambda quantity: -quantity.times_as_wide)
     within, footings = percent(run.fixed_numbers.within, 0), run.fixed_numbers.footings
     details = tuple(
-        f"{own.name}: {number(own.times_as_wide, 2)} times as wide"
-        + (f", most by {listed(on)}." if (on := [each.number for each in footings if each.name == own.name]) else ".")
-        for own in found
+        f"{quantity.name}: {number(quantity.times_as_wide, 2)} times as wide"
+        + (
+            f", most by {listed(on)}."
+            if (on := [each.number for each in footings if each.name == quantity.name])
+            else "."
+        )
+        for quantity in found
     )
     text = (
         f"With capacities, areas, links and other fixed numbers that are uncertain by {within}, these intervals are "
         f"more than {_RESTS:g} times as wide. No fit shows such an error: the values make up for it, and temperatures "
         "are right all the same."
     )
-    title = f"What is known of {shortened([own.name for own in found])} rests on fixed numbers"
+    title = f"What is known of {shortened([quantity.name for quantity in found])} rests on fixed numbers"
     return [Finding("good", title, text, details)]
 
 
 def time_tags(run: RunFiles) -> list[Finding]:
     """An error that all time tags have in common, where the telemetry shows one: what follows allows for it."""
-    found = [own for own in run.calibrated if own.kind == "time" and not own.lower <= 0.0 <= own.upper]
-    return [_time_tags(own) for own in found]
+    found = [
+        quantity
+        for quantity in run.calibrated
+        if quantity.kind == "time" and not quantity.lower <= 0.0 <= quantity.upper
+    ]
+    return [_time_tags(quantity) for quantity in found]
 
 
-def _time_tags(own: Calibrated) -> Finding:
+def _time_tags(quantity: Calibrated) -> Finding:
     # A reading of an earlier time than its tag says has a tag that is late.
-    late = own.mean < 0.0
-    lower, upper = sorted((abs(own.lower), abs(own.upper)))
-    size = f"{number(abs(own.mean), 2)} s {'late' if late else 'early'}"
+    late = quantity.mean < 0.0
+    lower, upper = sorted((abs(quantity.lower), abs(quantity.upper)))
+    size = f"{number(abs(quantity.mean), 2)} s {'late' if late else 'early'}"
     text = (
         f"All temperatures seem to be of a time {number(lower, 2)} to {number(upper, 2)} s "
         f"{'earlier' if late else 'later'} than their tags say (95%). A clock, an orbit that is off along its "

@@ -66,7 +66,7 @@ def holding(run: RunFiles) -> Finding:
                     how += f", {kelvins} at {when} and {held.lasting[k]:.0f} deviations for five minutes or more"
                 elif held.error[k] > held.most_error[k]:
                     how += f" and {held.error[k]:.1f} deviations off"
-                worst = min(worst, (name, channel, f"in “{name}”, {how}", held.room[k]), key=lambda own: own[-1])
+                worst = min(worst, (name, channel, f"in “{name}”, {how}", held.room[k]), key=lambda item: item[-1])
                 said += f", does not hold: {held.why(k)}; on average {_on_average(window, channel)}"
             elif share < STRIKING:
                 few[channel] = min(few.get(channel, (1.0, "")), (share, name))
@@ -95,7 +95,7 @@ def holding(run: RunFiles) -> Finding:
             farthest = max(windows, key=lambda name: unseen_share(windows[name]))
             title += _outside(windows[farthest], f"“{farthest}”")
             return Finding("good", title, text, tuple(details))
-        channel, (share, name) = min(few.items(), key=lambda own: own[1])
+        channel, (share, name) = min(few.items(), key=lambda item: item[1])
         title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
         title += _outside(windows[name])
         then = _then(name, windows[name], "Add longer windows to test on: windows: {test: {start: ..., end: ...}}")
@@ -105,15 +105,15 @@ def holding(run: RunFiles) -> Finding:
     if len(channels) == 1:
         title = f"Intervals do not hold: {first} {how}"
     title += _outside(windows[at])
-    doubtful = {channel: own for channel, own in few.items() if channel not in failed}
+    doubtful = {channel: item for channel, item in few.items() if channel not in failed}
     if doubtful:
-        channel, (share, name) = min(doubtful.items(), key=lambda own: own[1])
+        channel, (share, name) = min(doubtful.items(), key=lambda item: item[1])
         others = f" and {len(doubtful) - 1} more" if len(doubtful) > 1 else ""
         title += f"; {channel}{others} may not either (only {percent(share)} in “{name}”)"
     state: State = "bad" if 2 * (len(failed) + len(doubtful)) >= len(channels) else "warn"
     not_for = tuple(map(temperatures_of, [*failed, *doubtful]))
     there = windows[at]["channel"].values[judged[at].room < 0.0].tolist()
-    there = sorted(there, key=lambda own: own != first)
+    there = sorted(there, key=lambda item: item != first)
     then = _beside_throughout(at, windows[at], there, _days_after(run, windows[at])) or _for_a_while(windows[at], there)
     then = _then(at, windows[at], then or CHECK)
     if state == "bad" and unseen_share(windows[at]) > _OUTSIDE:
@@ -141,11 +141,12 @@ def width(run: RunFiles) -> list[Finding]:
         "not measured and whose thresholds are off, of a mode, of a load."
     )
     details = tuple(
-        f"{own.channel}: {number(own.width, 2)} K wide in “{own.window}”, {number(own.varies, 2)} K in training."
-        for own in found
+        f"{interval.channel}: {number(interval.width, 2)} K wide in “{interval.window}”, "
+        f"{number(interval.varies, 2)} K in training."
+        for interval in found
     )
     state: State = "bad" if 2 * len(found) >= of_all else "warn"
-    not_for = tuple(temperatures_of(own.channel) for own in found)
+    not_for = tuple(temperatures_of(interval.channel) for interval in found)
     return [Finding(state, title, text, details, not_for, CHECK)]
 
 
@@ -176,8 +177,8 @@ def _farthest(window: xr.Dataset, channel: str) -> tuple[str, str]:
 
 def _width(window: xr.Dataset, channel: str) -> NDArray[np.float64]:
     """[T] K, of a channel's interval."""
-    own = window.sel(channel=channel, by="stochastic")
-    return np.asarray((own["upper"] - own["lower"]).values, float)
+    dataset = window.sel(channel=channel, by="stochastic")
+    return np.asarray((dataset["upper"] - dataset["lower"]).values, float)
 
 
 def _minute(window: xr.Dataset, k: int) -> str:
@@ -196,7 +197,7 @@ def _beside_throughout(name: str, window: xr.Dataset, channels: Sequence[str], d
     """
     off = {channel: _off(window, channel) for channel in channels}
     constant = [
-        channel for channel, own in off.items() if abs(np.nanmean(own)) > _CONSTANT * np.sqrt(np.nanmean(own**2))
+        channel for channel, error in off.items() if abs(np.nanmean(error)) > _CONSTANT * np.sqrt(np.nanmean(error**2))
     ]
     if not constant:
         return ""
@@ -210,7 +211,7 @@ def _beside_throughout(name: str, window: xr.Dataset, channels: Sequence[str], d
 
 def _days_after(run: RunFiles, window: xr.Dataset) -> float:
     """Days from the end of training to a window."""
-    trained = [own["time"].values[-1] for name, own in run.windows.items() if name not in run.test_windows]
+    trained = [dataset["time"].values[-1] for name, dataset in run.windows.items() if name not in run.test_windows]
     last = max(trained, default=window["time"].values[0])
     return float((window["time"].values[0] - last) / np.timedelta64(1, "D"))
 
@@ -236,9 +237,9 @@ def _for_a_while(window: xr.Dataset, channels: Sequence[str]) -> str:
 
 def _off(window: xr.Dataset, channel: str) -> NDArray[np.float64]:
     """[T] K, telemetry less prediction; NaN where it is not scored."""
-    own = window.sel(channel=channel)
-    mean = own["mean"].sel({"by": "stochastic"}).values
-    return np.where(own["scored"].values, own["observed"].values - mean, np.nan)
+    dataset = window.sel(channel=channel)
+    mean = dataset["mean"].sel({"by": "stochastic"}).values
+    return np.where(dataset["scored"].values, dataset["observed"].values - mean, np.nan)
 
 
 def _beside(off: float) -> str:
@@ -274,26 +275,26 @@ def held_channels(run: RunFiles) -> list[str]:
 def heaters(run: RunFiles) -> list[Finding]:
     """Whether telemetry's duty cycles on unseen windows lie within what is predicted."""
     findings = []
-    measured = [own for own in duties(run) if np.isfinite(own.measured)]
-    for name in dict.fromkeys(own.window for own in measured):
-        found = [own for own in measured if own.window == name]
-        outside = [own for own in found if own.where == "outside"]
+    measured = [duty for duty in duties(run) if np.isfinite(duty.measured)]
+    for name in dict.fromkeys(duty.window for duty in measured):
+        found = [duty for duty in measured if duty.window == name]
+        outside = [duty for duty in found if duty.where == "outside"]
         contents = run.windows[name].attrs.get("duty_cycle_contains")
         details = tuple(
-            f"{own.heater}: telemetry {percent(own.measured)}, predicted {percent(own.mean)} "
-            f"[{percent(own.lower)}, {percent(own.upper)}]{_OF_DUTY[own.where]}."
-            for own in found
+            f"{duty.heater}: telemetry {percent(duty.measured)}, predicted {percent(duty.mean)} "
+            f"[{percent(duty.lower)}, {percent(duty.upper)}]{_OF_DUTY[duty.where]}."
+            for duty in found
         )
         title = f"All {len(found)} duty cycles in “{name}” lie within what is predicted"
         if len(found) == 1:
             title = f"The duty cycle of {found[0].heater} in “{name}” lies within what is predicted"
-        if any(own.where == "beside" for own in found):
+        if any(duty.where == "beside" for duty in found):
             title = f"No duty cycle in “{name}” is further from what is predicted than chance allows"
         if outside:
-            own, *others = outside
+            duty, *others = outside
             title = (
-                f"{own.heater} is on for {percent(own.measured)} of “{name}”, predicted {percent(own.lower)} to "
-                f"{percent(own.upper)}{f'; {len(others)} more outside' if others else ''}"
+                f"{duty.heater} is on for {percent(duty.measured)} of “{name}”, predicted {percent(duty.lower)} to "
+                f"{percent(duty.upper)}{f'; {len(others)} more outside' if others else ''}"
             )
         findings.append(
             Finding(
@@ -303,7 +304,7 @@ def heaters(run: RunFiles) -> list[Finding]:
                 f"{f', which contains {contents}' if contents else ''}. "
                 f"All together leave a right prediction's bands with {1.0 - CLOSED:.0%} probability:",
                 details,
-                tuple(duty_of(own.heater) for own in outside),
+                tuple(duty_of(duty.heater) for duty in outside),
                 CHECK if outside else "",
             )
         )

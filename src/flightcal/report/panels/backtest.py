@@ -20,9 +20,15 @@ def panel(run: RunFiles) -> list[Block]:
         f"after {content['held']} of {len(content['origins'])} origins."
     )
     rows = [
-        [own["band"], percent(own["coverage"]), number(own["rmse"], 3), number(own["width"], 3), number(own["crps"], 3)]
-        for own in content["scores"]
-        if own["origin"] == own["channel"] == "all" and own["samples"]
+        [
+            score["band"],
+            percent(score["coverage"]),
+            number(score["rmse"], 3),
+            number(score["width"], 3),
+            number(score["crps"], 3),
+        ]
+        for score in content["scores"]
+        if score["origin"] == score["channel"] == "all" and score["samples"]
     ]
     header = (
         "how far ahead",

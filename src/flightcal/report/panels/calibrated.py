@@ -29,7 +29,7 @@ _MOVED = "moved, as wide"
 @section("calibrated", "Parameters")
 def panel(run: RunFiles) -> list[Block]:
     """Before, after, interval, unit, and how much is the telemetry's word."""
-    rows = [own for own in run.calibrated if own.kind in SHOWN]
+    rows = [quantity for quantity in run.calibrated if quantity.kind in SHOWN]
     if not rows:
         why = "has no parameters" if run.calibrated else "has no calibrated numbers: it did not finish"
         return [block.note(f"The run {why}.")]
@@ -66,16 +66,27 @@ def panel(run: RunFiles) -> list[Block]:
 def simulated_alone(errors: Sequence[SimulatorError]) -> Table:
     """What the numbers are worth in windows that were not trained on: a row for each."""
     rows = [
-        [own.window, *(number(value, 3) for value in (own.before, own.predicted, own.calibrated, own.best_fit))]
-        for own in errors
+        [
+            simulator_error.window,
+            *(
+                number(value, 3)
+                for value in (
+                    simulator_error.before,
+                    simulator_error.predicted,
+                    simulator_error.calibrated,
+                    simulator_error.best_fit,
+                )
+            ),
+        ]
+        for simulator_error in errors
     ]
     return Table(("RMSE, K", "before", "this run", "calibrated.yaml alone", "best_fit.yaml alone"), rows, (1, 2, 3, 4))
 
 
 def moved_far(rows: Iterable[Calibrated], scores: Mapping[str, PriorScore]) -> set[str]:
     """Names of values that telemetry moved and made hardly surer."""
-    far = {name for name, own in scores.items() if abs(own.prior_score) >= FAR}
-    return {own.name for own in rows if own.from_data < LITTLE and own.name in far}
+    far = {name for name, prior_score in scores.items() if abs(prior_score.prior_score) >= FAR}
+    return {quantity.name for quantity in rows if quantity.from_data < LITTLE and quantity.name in far}
 
 
 def table(rows: Iterable[Calibrated], within: float | None = None, moved: Collection[str] = ()) -> Table:
@@ -84,14 +95,18 @@ def table(rows: Iterable[Calibrated], within: float | None = None, moved: Collec
     within: by how much fixed numbers are off in a further interval; None: without it. moved: see `moved_far`.
     """
     cells = []
-    for own in rows:
-        before, after, lower, upper = in_digits(own.lower, own.upper, own.before, own.mean, own.lower, own.upper)
-        told: str = percent(own.from_data, 0)
-        if own.from_data < LITTLE:
-            told = Cell(f"{told}\n{_MOVED if own.name in moved else 'mostly the prior'}", "warn")
-        wider = "–" if own.considered is None else " to ".join(in_digits(*own.considered, *own.considered))
+    for quantity in rows:
+        before, after, lower, upper = in_digits(
+            quantity.lower, quantity.upper, quantity.before, quantity.mean, quantity.lower, quantity.upper
+        )
+        told: str = percent(quantity.from_data, 0)
+        if quantity.from_data < LITTLE:
+            told = Cell(f"{told}\n{_MOVED if quantity.name in moved else 'mostly the prior'}", "warn")
+        wider = (
+            "–" if quantity.considered is None else " to ".join(in_digits(*quantity.considered, *quantity.considered))
+        )
         intervals = [f"{lower} to {upper}"] + [wider] * (within is not None)
-        cells.append([own.name, before, after, *intervals, unit(own.unit) or "–", told])
+        cells.append([quantity.name, before, after, *intervals, unit(quantity.unit) or "–", told])
     of_fixed = () if within is None else (f"if fixed numbers are {percent(within, 0)} off",)
     names = ("parameter", "before", "after", "95% interval", *of_fixed, "unit", "from telemetry")
     return Table(names, cells, tuple(k for k, name in enumerate(names) if name not in ("parameter", "unit")))

@@ -97,9 +97,11 @@ def sizes(windows: Mapping[str, xr.Dataset]) -> Table:
     rows = []
     for name, window in windows.items():
         for channel in _discrepant(window):
-            own = window.sel(channel=channel)
-            mean, width = own["discrepancy_mean"], own["discrepancy_upper"] - own["discrepancy_lower"]
-            residual = (own["observed"] - own["mean"].sel({"by": "stochastic"})).where(own["scored"].astype(bool))
+            dataset = window.sel(channel=channel)
+            mean, width = dataset["discrepancy_mean"], dataset["discrepancy_upper"] - dataset["discrepancy_lower"]
+            residual = (dataset["observed"] - dataset["mean"].sel({"by": "stochastic"})).where(
+                dataset["scored"].astype(bool)
+            )
             rows.append(
                 [name, channel, number(_rms(mean), 3), number(float(np.abs(mean).max()), 3),
                  number(float(width.mean()), 3), number(_rms(residual + mean), 3), number(_rms(residual), 3)]
@@ -164,9 +166,9 @@ def _discrepant(prediction: xr.Dataset) -> list[str]:
 
 
 def _columns(prediction: xr.Dataset, channel: str) -> Columns:
-    own = prediction.sel(channel=channel)
-    mean, lower, upper = (own[f"discrepancy_{name}"].values for name in ("mean", "lower", "upper"))
-    return [mean, lower, upper, (own["observed"] - own["mean"].sel({"by": "stochastic"})).values + mean]
+    dataset = prediction.sel(channel=channel)
+    mean, lower, upper = (dataset[f"discrepancy_{name}"].values for name in ("mean", "lower", "upper"))
+    return [mean, lower, upper, (dataset["observed"] - dataset["mean"].sel({"by": "stochastic"})).values + mean]
 
 
 def _draw(figure: go.Figure, x: NDArray, found: Columns, row: int, column: int) -> None:

@@ -65,21 +65,21 @@ def panel(run: RunFiles) -> list[Block]:
 def table(found: list[Duty]) -> Table:
     """A row for each heater and window."""
     rows = []
-    for own in found:
+    for duty in found:
         verdict: str = "not measured"
-        if np.isfinite(own.measured):
-            verdict = _CELLS[own.where]
-        interval = f"{percent(own.lower)} to {percent(own.upper)}"
-        if _is_sampled(own):
-            mean, lower, upper = map(percent, own.whole)
+        if np.isfinite(duty.measured):
+            verdict = _CELLS[duty.where]
+        interval = f"{percent(duty.lower)} to {percent(duty.upper)}"
+        if _is_sampled(duty):
+            mean, lower, upper = map(percent, duty.whole)
             interval += f"\nwhole window {mean} ({lower} to {upper})"
-        rows.append([own.heater, own.window, percent(own.measured), percent(own.mean), interval, verdict])
+        rows.append([duty.heater, duty.window, percent(duty.measured), percent(duty.mean), interval, verdict])
     return Table(("heater", "window", "measured", "predicted", "95% interval", "in words"), rows, (2, 3, 4))
 
 
-def _is_sampled(own: Duty) -> bool:
+def _is_sampled(duty: Duty) -> bool:
     """Whether the samples of known status are not as the whole window."""
-    return abs(own.whole[0] - own.mean) > _ELSEWHERE
+    return abs(duty.whole[0] - duty.mean) > _ELSEWHERE
 
 
 def duties(run: RunFiles) -> list[Duty]:
@@ -89,7 +89,7 @@ def duties(run: RunFiles) -> list[Duty]:
     observed = {
         name: window["observed_duty_cycle"] * (np.nan if is_plan(window) else 1.0) for name, window in windows.items()
     }
-    count = sum(int(np.isfinite(own.values).sum()) for own in observed.values())
+    count = sum(int(np.isfinite(series.values).sum()) for series in observed.values())
     # All duty cycles together leave their bands by chance once in a hundred times.
     tail = 0.5 * (1.0 - CLOSED ** (1.0 / max(count, 1)))
     found = []
@@ -112,4 +112,4 @@ def duties(run: RunFiles) -> list[Duty]:
             elif measured < lower - resolution or measured > upper + resolution:
                 where = "beside"
             found.append(Duty(name, str(heater), measured, float(np.nanmean(values)), lower, upper, whole, where))
-    return sorted(found, key=lambda own: ("outside", "beside", "inside").index(own.where))
+    return sorted(found, key=lambda duty: ("outside", "beside", "inside").index(duty.where))

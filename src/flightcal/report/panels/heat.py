@@ -100,9 +100,9 @@ def panel(run: RunFiles) -> list[Block]:
     if run.heat is None:
         return []
     nodes, over = node_heats(run), str(run.heat.get("over") or "")
-    shown = sorted(sorted(nodes, key=lambda own: -own.most)[:MOST_NODES], key=nodes.index)
+    shown = sorted(sorted(nodes, key=lambda node_heat: -node_heat.most)[:MOST_NODES], key=nodes.index)
     rest = f" The {len(shown)} nodes with the largest shares; the table has all." if len(shown) < len(nodes) else ""
-    is_constant = not over and all(own.pattern is None for own in nodes)
+    is_constant = not over and all(node_heat.pattern is None for node_heat in nodes)
     carries = (
         f"The pattern is a function of {f'the driver {over}' if over else 'the orbit phase'}. Where that is the same, "
         "so is the heat, and it carries over to every window."
@@ -148,7 +148,7 @@ def node_heats(run: RunFiles) -> list[NodeHeat]:
     places = np.asarray(of_draws["place"].values, float)
     found = []
     for k, (node, flow, pattern) in enumerate(zip(model["nodes"], model["flow"], of_draws.values, strict=True)):
-        sizes = {own["part"]: _size(run, own) for own in model["groups"] if own["node"] == k}
+        sizes = {group["part"]: _size(run, group) for group in model["groups"] if group["node"] == k}
         low, high = np.quantile(pattern, [0.025, 0.975], axis=0)
         found.append(
             NodeHeat(
@@ -161,8 +161,8 @@ def node_heats(run: RunFiles) -> list[NodeHeat]:
 
 def gains(run: RunFiles) -> Size | None:
     """Size of the relative errors of modes, loads and absorbed fluxes; None without any."""
-    own = next((own for own in (run.heat or {"groups": []})["groups"] if own["part"] == "gains"), None)
-    return None if own is None else _size(run, own)
+    of_gains = next((group for group in (run.heat or {"groups": []})["groups"] if group["part"] == "gains"), None)
+    return None if of_gains is None else _size(run, of_gains)
 
 
 def _size(run: RunFiles, group: Record) -> Size | None:
@@ -181,13 +181,14 @@ def state(share: float, allowed: float = 1.0) -> str:
 def sizes(nodes: Sequence[NodeHeat], of_gains: Size | None) -> Table:
     """Sizes of heat by node, in W and as a share of the flow, and a mark where they are large."""
     rows: list[list[str]] = []
-    for own in nodes:
-        peak = float(np.abs(own.expected).max())
-        largest = f"{number(peak, 3)}\n{percent(peak / own.flow)} of the flow"
-        mark = state(own.share, own.allowed)
+    for node_heat in nodes:
+        peak = float(np.abs(node_heat.expected).max())
+        largest = f"{number(peak, 3)}\n{percent(peak / node_heat.flow)} of the flow"
+        mark = state(node_heat.share, node_heat.allowed)
         rows.append(
-            [own.node, number(own.flow, 3), _cell(own.constant, own.flow), _cell(own.pattern, own.flow),
-             Cell(largest, mark), Cell(_cell(own.slow, own.flow), "warn" if own.wandering > WANDERING else ""),
+            [node_heat.node, number(node_heat.flow, 3), _cell(node_heat.constant, node_heat.flow),
+             _cell(node_heat.pattern, node_heat.flow), Cell(largest, mark),
+             Cell(_cell(node_heat.slow, node_heat.flow), "warn" if node_heat.wandering > WANDERING else ""),
              Cell(WORDS[mark], mark)]
         )  # fmt: skip
     if of_gains is not None:
@@ -216,21 +217,26 @@ def figure_pattern(nodes: Sequence[NodeHeat], over: str = PHASE) -> go.Figure:
     rows = -(-len(nodes) // columns)
     specs = [[{"secondary_y": True}] * columns for _ in range(rows)]
     figure, height = plots(
-        [own.node.replace("_", " ") for own in nodes], columns, ROW_HEIGHT, horizontal_spacing=0.18, specs=specs
+        [node_heat.node.replace("_", " ") for node_heat in nodes],
+        columns,
+        ROW_HEIGHT,
+        horizontal_spacing=0.18,
+        specs=specs,
     )
-    for k, own in enumerate(nodes):
+    for k, node_heat in enumerate(nodes):
         place = {"row": k // columns + 1, "col": k % columns + 1}
-        limits = [*own.band, own.expected, np.zeros(1)]
+        limits = [*node_heat.band, node_heat.expected, np.zeros(1)]
         low, high = min(values.min() for values in limits), max(values.max() for values in limits)
-        pad = 0.06 * max(high - low, 1e-6 * own.flow)
+        pad = 0.06 * max(high - low, 1e-6 * node_heat.flow)
         ends = np.array([low - pad, high + pad])
         figure.add_hline(y=0.0, line={"color": LINE, "width": 1}, secondary_y=False, **place)
-        x, y = polygons(own.places, *own.band)
+        x, y = polygons(node_heat.places, *node_heat.band)
         band(figure, x.astype(np.float32), y.astype(np.float32), "95% interval", "band", BAND, **place)
         figure.add_scatter(
-            x=own.places.astype(np.float32), y=own.expected.astype(np.float32), name="expected pattern", mode="lines",
-            legendgroup="pattern", showlegend=k == 0, line={"color": STOCHASTIC, "width": 1.8},
-            customdata=(100 * own.expected / own.flow).astype(np.float32),
+            x=node_heat.places.astype(np.float32), y=node_heat.expected.astype(np.float32),
+            name="expected pattern", mode="lines", legendgroup="pattern", showlegend=k == 0,
+            line={"color": STOCHASTIC, "width": 1.8},
+            customdata=(100 * node_heat.expected / node_heat.flow).astype(np.float32),
             hovertemplate="%{x:.3g}: %{y:.3g} W, %{customdata:.2g}% of the flow<extra></extra>", **place,
         )  # fmt: skip
         # Plotly draws an axis only where it has a trace.
@@ -239,7 +245,7 @@ def figure_pattern(nodes: Sequence[NodeHeat], over: str = PHASE) -> go.Figure:
         )
         figure.update_yaxes(title_text="heat, W", range=ends.tolist(), nticks=5, secondary_y=False, **place)
         figure.update_yaxes(
-            title_text=f"% of {number(own.flow, 3)} W", range=(100 * ends / own.flow).tolist(), nticks=5,
+            title_text=f"% of {number(node_heat.flow, 3)} W", range=(100 * ends / node_heat.flow).tolist(), nticks=5,
             tickmode="auto", showgrid=False, secondary_y=True, **place,
         )  # fmt: skip
     finish(figure, height)

@@ -64,7 +64,7 @@ def summary(run: RunFiles) -> Table:
     sampled = {info.name for info in run.sampled}
     gates = (run.diagnostics or {}).get("gates", [])
     # Above 1.01 chains that agree may be by chance; the gate knows how far.
-    disagree = any(own["name"] == "R-hat" and not own["passed"] for own in gates)
+    disagree = any(gate["name"] == "R-hat" and not gate["passed"] for gate in gates)
     edges, wider, held = at_edge(run), times_as_wide(run), held_shapes(run)
     rows = []
     for info in run.parameters:
@@ -124,8 +124,8 @@ def taken_by_heat(run: RunFiles) -> str:
 def widened(run: RunFiles) -> list[str]:
     """Parameters, without noise and initial temperatures, that heat widens by more than WIDER, the most first."""
     wider = times_as_wide(run)
-    own = [info.name for info in run.parameters if info.kind == "parameter" and wider.get(info.name, 0.0) > WIDER]
-    return sorted(own, key=lambda name: -wider[name])
+    names = [info.name for info in run.parameters if info.kind == "parameter" and wider.get(info.name, 0.0) > WIDER]
+    return sorted(names, key=lambda name: -wider[name])
 
 
 def shortened(items: list[str]) -> str:
@@ -190,11 +190,16 @@ def at_edge(run: RunFiles) -> dict[str, str]:
 
 def footing(run: RunFiles) -> Table:
     """Fixed numbers that values depend on."""
-    units = {own.name: unit(own.unit) for own in run.calibrated}
+    units = {quantity.name: unit(quantity.unit) for quantity in run.calibrated}
     footings = () if run.fixed_numbers is None else run.fixed_numbers.footings
     rows = [
-        [own.name, own.number, percent(own.off), f"{own.change:+.2g} {units[own.name]}".strip().replace("-", "−")]
-        for own in footings
+        [
+            candidate.name,
+            candidate.number,
+            percent(candidate.off),
+            f"{candidate.change:+.2g} {units[candidate.name]}".strip().replace("-", "−"),
+        ]
+        for candidate in footings
     ]
     return Table(("parameter", "fixed number", "off by", "moves it by"), rows, (2, 3))
 
@@ -208,8 +213,8 @@ def window_values(run: RunFiles) -> Table:
     rows = []
     for info in (i for i in run.parameters if i.name in values):
         common = draws(run.posterior, "posterior", [info.name])
-        own = values[info.name].transpose("window", "chain", "draw").values
-        cells = [_interval(info, *map(float, np.quantile(part, [0.5, 0.025, 0.975]))) for part in (common, *own)]
+        by_window = values[info.name].transpose("window", "chain", "draw").values
+        cells = [_interval(info, *map(float, np.quantile(part, [0.5, 0.025, 0.975]))) for part in (common, *by_window)]
         symbol = f", {unit(info.unit)}" if unit(info.unit) else ""
         rows.append([f"{info.name}{symbol}", *cells])
     header = ("parameter, unit", "common, median [95%]", *(f"in “{label}”" for label in labels))

@@ -70,12 +70,12 @@ def panel(run: RunFiles) -> list[Block]:
     if chosen is None:
         return [block.note("The run has no prediction with an interval: it did not finish.")]
     window = run.windows[chosen.window]
-    heaters = [own.heater for own in duties(run) if own.window == chosen.window][:MOST_HEATERS]
+    heaters = [duty.heater for duty in duties(run) if duty.window == chosen.window][:MOST_HEATERS]
     shown = window.sel(channel=chosen.channels)
     if window.sizes.get("heater", 0):
         shown = shown.sel(heater=heaters)
     titles = {name: name for name in chosen.channels}
-    for name in (own for own in titles if len(own) <= MOST_OF_A_NAME):
+    for name in (title for title in titles if len(title) <= MOST_OF_A_NAME):
         if name in chosen.share:
             titles[name] += f": {percent(chosen.share[name], 0)} inside"
         if name == chosen.worst and chosen.typical is not None:
@@ -117,14 +117,16 @@ def wide_intervals(run: RunFiles) -> list[WideInterval]:
         if not has_prediction(window, "stochastic") or "crps" not in window:
             continue
         for channel in filter(trained.__contains__, names(window, "channel")):
-            own = window.sel(channel=channel, by="stochastic")
-            known = np.isfinite(own["crps"].values)
+            dataset = window.sel(channel=channel, by="stochastic")
+            known = np.isfinite(dataset["crps"].values)
             if not known.any():
                 continue
             varies = float(np.ptp(np.quantile(trained[channel], tails)))
-            wide = WideInterval(channel, name, float(np.median((own["upper"] - own["lower"]).values[known])), varies)
-            by_readings = crps_of_draws(own["observed"].values[known], trained[channel][:, None])
-            says_less = own["crps"].values[known].mean() > by_readings.mean()
+            wide = WideInterval(
+                channel, name, float(np.median((dataset["upper"] - dataset["lower"]).values[known])), varies
+            )
+            by_readings = crps_of_draws(dataset["observed"].values[known], trained[channel][:, None])
+            says_less = dataset["crps"].values[known].mean() > by_readings.mean()
             if says_less and wide.width > max(_WIDE * varies, _LEAST_WIDE):
                 found[channel] = max(wide, found.get(channel, wide), key=lambda each: each.width)
     return sorted(found.values(), key=lambda each: -each.width)
@@ -137,8 +139,8 @@ def _trained(run: RunFiles) -> dict[str, FloatArray]:
     for window in windows:
         for channel, values in zip(names(window, "channel"), window["observed"].values.T, strict=True):
             found.setdefault(channel, []).append(values[np.isfinite(values)])
-    joined = {channel: np.concatenate(own) for channel, own in found.items()}
-    return {channel: own[:: 1 + len(own) // _READINGS] for channel, own in joined.items() if len(own)}
+    joined = {channel: np.concatenate(parts) for channel, parts in found.items()}
+    return {channel: values[:: 1 + len(values) // _READINGS] for channel, values in joined.items() if len(values)}
 
 
 def choose(run: RunFiles) -> Chosen | None:
@@ -154,15 +156,15 @@ def choose(run: RunFiles) -> Chosen | None:
         # Of channels that all hold, the one with least inside.
         window, worst = min(rooms, key=lambda place: (min(rooms[place][0], 0.0), rooms[place][1]))
         # Where all hold, what the verdict may name is the channel whose noise is not what was assumed, or a wide one.
-        noisy = [own for of in run.checks_of_training.values() for own in of if own.verdict == "contradicted"]
-        why = _WORST.format(sum(own == window for own, _ in rooms))
+        noisy = [check for of in run.checks_of_training.values() for check in of if check.verdict == "contradicted"]
+        why = _WORST.format(sum(window_name == window for window_name, _ in rooms))
         if noisy and rooms[window, worst][0] >= 0.0:
-            worst, why = max(noisy, key=lambda own: own.factor).channel, "noise not as assumed"
+            worst, why = max(noisy, key=lambda check: check.factor).channel, "noise not as assumed"
         elif (wide := wide_intervals(run)) and rooms[window, worst][0] >= 0.0:
             window, worst, why = wide[0].window, wide[0].channel, "interval says nothing"
-        others = sorted((room, channel) for (own, channel), (room, _) in rooms.items() if own == window)
-        others = [own for own in others if own[1] != worst]
-        share = {channel: share for (own, channel), (_, share) in rooms.items() if own == window}
+        others = sorted((room, channel) for (window_name, channel), (room, _) in rooms.items() if window_name == window)
+        others = [other for other in others if other[1] != worst]
+        share = {channel: share for (window_name, channel), (_, share) in rooms.items() if window_name == window}
         return Chosen(window, worst, others[len(others) // 2][1] if others else None, share, why)
     predicted = [name for name, window in run.windows.items() if has_prediction(window, "stochastic")]
     if not predicted:

@@ -29,14 +29,16 @@ _FINELY: Final = 50
 def panel(run: RunFiles) -> list[Block]:
     """How low and how high each channel goes, and the chance that it passes a limit; nothing without a plan."""
     windows = {name: window for name, window in run.test_windows.items() if has_prediction(window, "stochastic")}
-    found = {name: own for name, window in windows.items() if (own := list(extremes(window, name)))}
+    found = {
+        name: window_extremes for name, window in windows.items() if (window_extremes := list(extremes(window, name)))
+    }
     if not found:
         return []
     words = (
         "Of what is still to come. Lowest and highest: of the temperature itself, without measurement noise, in "
         f"brackets with its {run.interval}; beside it when the predicted mean is there, UTC."
     )
-    if any(not np.isnan(own.limit) for of in found.values() for own in of):
+    if any(not np.isnan(extreme.limit) for of in found.values() for extreme in of):
         words += " Chance: that the limit is passed at any of its times, as the draws of the posterior have it."
     else:
         words += " With “limits: [0 degC, 45 degC]” of a channel the chance that it passes one stands here too."
@@ -46,8 +48,10 @@ def panel(run: RunFiles) -> list[Block]:
         begins = windows[name].attrs.get("initial_state")
         told = [words for words in (begins and f"Initial state: {begins}.", unseen(windows[name])) if words]
         blocks += [block.text(" ".join(told))] if told else []
-        likeliest = sorted((own for own in of if not np.isnan(own.limit)), key=lambda own: -own.chance)
-        if shown := list(dict.fromkeys(own.channel for own in likeliest))[:_SHOWN]:
+        likeliest = sorted(
+            (extreme for extreme in of if not np.isnan(extreme.limit)), key=lambda extreme: -extreme.chance
+        )
+        if shown := list(dict.fromkeys(extreme.channel for extreme in likeliest))[:_SHOWN]:
             window = windows[name].sel(channel=shown)
             figure = figure_stochastic(window, max(bins(run), _FINELY), heights=HEIGHTS)
             figure.update_layout(showlegend=False, margin={"t": 24})
@@ -59,21 +63,23 @@ def panel(run: RunFiles) -> list[Block]:
 def table(window: xr.Dataset, found: Sequence[Extreme]) -> Table:
     """A row for each channel."""
     rows: dict[str, list[str]] = {}
-    limited = {own.channel for own in found if not np.isnan(own.limit)}
-    for own in found:
-        when = moment(own.time)[len("2024-") : 16]
-        middle, lower, upper = (number(value - ICE_POINT, 3) for value in (own.median, own.lower, own.upper))
-        row = rows.setdefault(own.channel, [own.channel])
+    limited = {extreme.channel for extreme in found if not np.isnan(extreme.limit)}
+    for extreme in found:
+        when = moment(extreme.time)[len("2024-") : 16]
+        middle, lower, upper = (
+            number(value - ICE_POINT, 3) for value in (extreme.median, extreme.lower, extreme.upper)
+        )
+        row = rows.setdefault(extreme.channel, [extreme.channel])
         row += [f"{middle} ({lower} to {upper})", when]
         if limited:
-            row += _against_limit(own)
+            row += _against_limit(extreme)
     unit = degrees(window)
     of_limit = ("limit", "chance") if limited else ()
     header = ("channel", f"lowest, {unit}", "at", *of_limit, f"highest, {unit}", "at", *of_limit)
     return Table(header, list(rows.values()), range(1, len(header)))
 
 
-def _against_limit(own: Extreme) -> list[str]:
-    if np.isnan(own.limit):
+def _against_limit(extreme: Extreme) -> list[str]:
+    if np.isnan(extreme.limit):
         return ["–", "–"]
-    return [f"{own.limit - ICE_POINT:.6g}".replace("-", "−"), Cell(own.chance_in_words, own.state)]
+    return [f"{extreme.limit - ICE_POINT:.6g}".replace("-", "−"), Cell(extreme.chance_in_words, extreme.state)]

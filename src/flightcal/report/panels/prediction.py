@@ -77,8 +77,8 @@ def unseen_share(window: xr.Dataset) -> float:
 
 
 def _unseen_shares(window: xr.Dataset) -> dict[str, float]:
-    found = sorted(json.loads(window.attrs.get("unseen", "[]")), key=lambda own: -own["share"])
-    return {own["name"]: own["share"] for own in found}
+    found = sorted(json.loads(window.attrs.get("unseen", "[]")), key=lambda item: -item["share"])
+    return {share["name"]: share["share"] for share in found}
 
 
 def figure_stochastic(

@@ -101,7 +101,9 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
             figure.update_yaxes(title_text="coverage, –", range=[lowest, 1.01], nticks=5, row=row, col=column)
     for column, found in enumerate(parts, start=2):
         shown = {part.channel for part in found}
-        levels(figure, nominal, [row for row, own in enumerate(channels, start=1) if own in shown], column, "dot")
+        levels(
+            figure, nominal, [row for row, channel in enumerate(channels, start=1) if channel in shown], column, "dot"
+        )
     finish(figure, height)
     small_titles(figure)
     figure.update_xaxes(range=[0, 1], col=1)

@@ -32,7 +32,7 @@ def panel(run: RunFiles) -> list[Block]:
             "temperature and duty cycle may be off, how well each parameter is known, and how they are correlated."
         ),
         *([block.text(words)] if (words := runs_in_words(run.metrics)) else []),
-        *(block.text(f"{own['detail']}.") for own in run.quality or () if own["finding"] == "bridged"),
+        *(block.text(f"{record['detail']}.") for record in run.quality or () if record["finding"] == "bridged"),
         block.table(comparison(run.metrics), "There is no pair of methods to compare."),
         *others(run),
         block.heading("By window and channel"),
@@ -90,8 +90,8 @@ def others(run: RunFiles) -> list[Block]:
 
 def _models(run: RunFiles) -> dict[str, Sequence[Metric]]:
     """Scores by what the columns are called: the published model, this run, then the others."""
-    first = {f"{model} model": own for model, own in run.beside.items() if model == "published"}
-    rest = {f"{model} model": own for model, own in run.beside.items() if model != "published"}
+    first = {f"{model} model": metrics for model, metrics in run.beside.items() if model == "published"}
+    rest = {f"{model} model": metrics for model, metrics in run.beside.items() if model != "published"}
     return {**first, "this run": run.metrics, **rest}
 
 
@@ -99,11 +99,11 @@ def beside(run: RunFiles) -> Table:
     """Scores over all channels: genetic algorithm, and every model; a row for each window and score."""
     names = _ERRORS | {"picp": "PICP", "mpiw": "MPIW, K"}
     genetic = values_of(chain(*run.beside.values(), run.metrics))
-    models = {title: values_of(own) for title, own in _models(run).items()}
+    models = {title: values_of(model) for title, model in _models(run).items()}
     rows = []
     for window, metric in dict.fromkeys((m.window, m.metric) for m in run.metrics if m.metric in names):
         place = (window, "all", metric)
-        values = [genetic.get(("genetic", *place)), *(own.get(("stochastic", *place)) for own in models.values())]
+        values = [genetic.get(("genetic", *place)), *(model.get(("stochastic", *place)) for model in models.values())]
         shown = [percent(value) if metric == "picp" else number(value) for value in values]
         rows.append([window, names[metric], *shown])
     header = ("window", "score", "genetic algorithm, mean of its runs", *models)
@@ -112,12 +112,12 @@ def beside(run: RunFiles) -> Table:
 
 def beside_by_channel(run: RunFiles) -> Table:
     """RMSE and coverage of every model, a row for each window and channel."""
-    models = {title: values_of(own) for title, own in _models(run).items()}
+    models = {title: values_of(model) for title, model in _models(run).items()}
     rows = [
         [
             *place,
-            *(number(own.get(("stochastic", *place, "rmse")), 3) for own in models.values()),
-            *(percent(own.get(("stochastic", *place, "picp"))) for own in models.values()),
+            *(number(model.get(("stochastic", *place, "rmse")), 3) for model in models.values()),
+            *(percent(model.get(("stochastic", *place, "picp"))) for model in models.values()),
         ]
         for place in _places(run.metrics)
     ]
@@ -160,10 +160,11 @@ def by_channel(metrics: Sequence[Metric]) -> Table:
         def pair(metric: str, value: Callable[[str, str], float | None] = value) -> str:
             return f"{number(value('genetic', metric), 3)} / {number(value('stochastic', metric), 3)}"
 
-        own = ratios.get(place)
+        comparison = ratios.get(place)
         rows.append(
             [*place, *(number(value(method, "rmse"), 3) for method in methods),
-             number(own.ratio if own else None, 3), number(own.ratio_best if own else None, 3),
+             number(comparison.ratio if comparison else None, 3),
+             number(comparison.ratio_best if comparison else None, 3),
              percent(value("stochastic", "picp")), number(value("stochastic", "mpiw"), 3), pair("crps"),
              pair("mape_kelvin"), pair("mape_celsius")]
         )  # fmt: skip
@@ -188,10 +189,10 @@ def all_scores(metrics: Sequence[Metric]) -> Table:
     found = values_of(metrics)
     methods = list(dict.fromkeys(m.method for m in metrics))
     rows = [
-        [*place, method(own).title, *(number(found.get((own, *place, name))) for name in names)]
+        [*place, method(label).title, *(number(found.get((label, *place, name))) for name in names)]
         for place in _places(metrics)
-        for own in methods
-        if (own, *place, "rmse") in found
+        for label in methods
+        if (label, *place, "rmse") in found
     ]
     header = (
         "window", "channel", "method", "RMSE, K", "MAPE, % of K", "MAPE, % of °C", "CRPS, K", "PICP, share", "MPIW, K",

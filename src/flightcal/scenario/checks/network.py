@@ -119,7 +119,7 @@ def _check_temperatures(blocks: Blocks) -> Iterator[Issue]:
     observed: dict[str | None, list[str]] = {}
     for channel, observation in readable(blocks.observations).items():
         observed.setdefault(observation.node, []).append(channel)
-    twice = [f"{' and '.join(own)} observe '{node}'" for node, own in observed.items() if node and len(own) > 1]
+    twice = [f"{' and '.join(names)} observe '{node}'" for node, names in observed.items() if node and len(names) > 1]
     hint = f"; {', '.join(twice)}: is one of them of this node?" if twice else ""
     for name, node in readable(blocks.nodes).items():
         location = ("simulator", "nodes", name)

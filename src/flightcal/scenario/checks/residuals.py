@@ -25,14 +25,14 @@ def check(reading: Reading, folder: Path) -> Iterator[Issue]:
         yield from _check_noise(blocks.noise, ("noise",))
     for name, observation in readable(blocks.observations).items():
         place = ("observations", name, "noise")
-        own = observation.noise
-        if isinstance(own, Noise):
-            yield from _check_noise(own, place)
-        elif own is not None:
-            yield from _check_positive(own, place)
-        noise = own if isinstance(own, Noise) else blocks.noise if own is None else None
+        written = observation.noise
+        if isinstance(written, Noise):
+            yield from _check_noise(written, place)
+        elif written is not None:
+            yield from _check_positive(written, place)
+        noise = written if isinstance(written, Noise) else blocks.noise if written is None else None
         if noise is not None and observation.heater is None:
-            yield from _check_channel(noise, blocks, name, place if isinstance(own, Noise) else ("noise",))
+            yield from _check_channel(noise, blocks, name, place if isinstance(written, Noise) else ("noise",))
     yield from _check_discrepancy(blocks)
 
 

@@ -97,7 +97,9 @@ def content(table: pa.Table, without: Collection[str]) -> pd.DataFrame:
 def nearest(name: str, candidates: Sequence[str]) -> str:
     """'; nearest: ...' for a message, or nothing where no candidate is like `name`."""
     lower = {candidate.lower(): candidate for candidate in candidates}
-    begins = [own for own in lower if own.startswith(name.lower()) or name.lower().startswith(own)]
+    begins = [
+        candidate for candidate in lower if candidate.startswith(name.lower()) or name.lower().startswith(candidate)
+    ]
     # A name that was made longer or shorter is more likely than one with other letters.
     found = difflib.get_close_matches(name.lower(), begins or lower, n=1, cutoff=0.5)
     return f"; nearest: '{lower[found[0]]}'" if found else ""
