@@ -87,7 +87,7 @@ def printed(show, *arguments):
 
 def test_a_summary_names_the_three_nodes_with_most_unmodelled_heat():
     shares = {"array": 0.052, "tank": 0.03, "battery": 0.0204, "structure": 0.01}
-    line = "unmodelled heat, as a share of the heat that flows through the node; most in: "
+    line = "unmodelled heat at its largest, as a share of what flows through the node: "
 
     assert line + "array 5.2%, tank 3.0%, battery 2.0%" in printed(print_summary, summary(Path("run"), heat=shares))
     assert not any("unmodelled heat" in line for line in printed(print_summary, summary(Path("run"))))

@@ -1,12 +1,9 @@
-import json
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
-import xarray
 
-from flightcal.commands.folder import heat_shares, open_for, parameter_records
+from flightcal.commands.folder import open_for, parameter_records
 from flightcal.errors import RunError
 from flightcal.problem import build_problem
 from flightcal.progress import Silent
@@ -59,22 +56,6 @@ def test_records_say_which_initial_temperatures_a_channel_sees(tmp_path):
         "initial.inside": False,
     }
     assert all(own["observed"] for own in records if own["kind"] != "initial")
-
-
-def test_shares_of_heat_are_its_sizes_over_what_flows_through_the_node():
-    draws = ("chain", "draw")
-    of_body = {"heat.body.constant": 0.2, "heat.body.pattern": 0.4, "heat.body.slow": 0.4}
-    sizes = of_body | {"heat.panel.pattern": 0.5, "heat.gains": 0.1}
-    posterior = xarray.Dataset({name: (draws, np.array([[0.5, 1.5]]) * size) for name, size in sizes.items()})
-    model = json.dumps({"nodes": ["body", "panel"], "flow": [10.0, 5.0]})
-    tree = xarray.DataTree.from_dict({"posterior": posterior, "heat": xarray.Dataset({"model": ((), model)})})
-
-    assert heat_shares(tree) == pytest.approx({"panel": 0.1, "body": 0.06})
-    assert list(heat_shares(tree)) == ["panel", "body"]
-
-
-def test_a_posterior_without_heat_has_no_shares():
-    assert heat_shares(xarray.DataTree.from_dict({"posterior": xarray.Dataset()})) == {}
 
 
 def test_a_folder_is_that_of_one_command(tmp_path):

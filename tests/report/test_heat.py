@@ -122,6 +122,12 @@ def test_the_table_has_sizes_in_watts_and_as_shares_of_the_flow(run):
     assert battery[6] == "–"
 
 
+def test_the_largest_heat_of_each_node_is_that_of_the_table(run):
+    largest = heat.largest_heat(made(run, peak=0.5))
+    assert next(iter(largest.items())) == ("battery", pytest.approx(0.05))
+    assert sorted(largest) == sorted(NODES)
+
+
 # The mean of a cosine's absolute values is 2 / pi of its peak.
 @pytest.mark.parametrize(("peak", "mark", "state"), [(1.4, "–", ""), (1.8, "caution", "warn"), (5.0, "hide", "bad")])
 def test_heat_that_is_large_beside_the_flow_is_marked_in_words(run, peak, mark, state):

@@ -326,7 +326,7 @@ def _of_heaters(scenario: Scenario, data: xarray.Dataset, trained: Sequence[Wind
 def of_steps(windows: Iterable[Window]) -> Iterator[str]:
     """Of simulators that no time grid makes exact."""
     for window in windows:
-        accuracy = None if window.network is None else window.network.accuracy
+        accuracy = window.network.accuracy if window.is_network else None
         if accuracy is not None and accuracy.error > _COARSE:
             yield (
                 f"window {window.name}: {accuracy.steps} steps leave an error of {accuracy.error:.2g} K; some number "

@@ -38,7 +38,7 @@ class Summary:
     interrupted: bool
     verdict: Verdict
     heat: dict[str, float]
-    """Size of the unmodelled heat of nodes, as a share of the heat that flows through them; see `heat_shares`."""
+    """Size of the unmodelled heat of nodes, as a share of the heat that flows through them; see `largest_heat`."""
     unseen: dict[str, tuple[Unseen, ...]] = field(default_factory=dict)
     """What of each window was not trained on; windows in which all was are not named."""
     parameters: tuple[Calibrated, ...] = ()
@@ -114,10 +114,10 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
     from ..check import SUSPECTS, PriorRuns
     from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
     from ..prediction import PREDICT, PREDICTION_FILE, limits_of, limits_told, read_unseen, simulator_errors
-    from ..report import read_run, verdict_of, write_report
+    from ..report import largest_heat, read_run, verdict_of, write_report
     from ..scenario import input_files
     from ..validation import FULL_SIMULATOR, flown_from
-    from .folder import heat_shares, taken_over
+    from .folder import taken_over
 
     scenario = problem.scenario
     method, seed = scenario.calibration, scenario.calibration.seed
@@ -158,7 +158,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         about = "\n".join([f"Verdict: {verdict.use}", *map(str, simulator_errors(metrics)), *_of_trends(problem)])
         parameters = run.stage(RESULTS, problem, genetic, sampled, text=text, about=about, files=files)
         report = write_report(run.path)
-    shares, outside = heat_shares(sampled.posterior), read_unseen(run.folder.file(PREDICTION_FILE))
+    outside = read_unseen(run.folder.file(PREDICTION_FILE))
     return Summary(
         run.path,
         report,
@@ -166,7 +166,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         metrics,
         sampled.interrupted,
         verdict,
-        shares,
+        largest_heat(found),
         outside,
         parameters,
         tuple(limits_told(found.windows)),

@@ -111,7 +111,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
             console.print(f"genetic algorithm: {runs}", highlight=False)
     if summary.heat:
         worst = ", ".join(f"{node} {share:.1%}" for node, share in list(summary.heat.items())[:_WORST])
-        words = "unmodelled heat, as a share of the heat that flows through the node; most in"
+        words = "unmodelled heat at its largest, as a share of what flows through the node"
         say(console, f"{words}: {worst}")
     _print_checked(summary, console)
     for window, found in summary.unseen.items():

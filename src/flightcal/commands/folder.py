@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -14,9 +13,8 @@ from typing import Any, TypeVar
 import numpy as np
 import xarray
 
-from ..calibration import heat_content
 from ..errors import FlightcalError
-from ..problem import SLOW, Problem
+from ..problem import Problem
 from ..progress import Progress
 from ..run import INPUT_FILES, OtherRunError, Run, Stage, hash_of, hash_of_file, open_run, plain
 from ..scenario import (
@@ -187,7 +185,7 @@ def key_of_telemetry(run: Run, scenario: Scenario) -> str:
 
 def integration_records(problem: Problem) -> list[dict[str, Any]]:
     """integration.json: the steps of each training window's integration and their error, K; empty without a network."""
-    found = [(window.name, window.network.accuracy) for window in problem.windows if window.network is not None]
+    found = [(window.name, window.network.accuracy) for window in problem.windows if window.is_network]
     return [{"window": name, **asdict(accuracy)} for name, accuracy in found if accuracy is not None]
 
 
@@ -226,19 +224,3 @@ def taken_over(stage: Stage[K], made: Path | None) -> Stage[K]:
             run.folder.write(name, (made / name).read_bytes())
 
     return replace(stage, make=copy)
-
-
-def heat_shares(posterior: xarray.DataTree) -> dict[str, float]:
-    """Size of unmodelled heat over the heat that flows through its node, by node, largest first.
-
-    Size: root of the sum of squares of the posterior means of its parts; empty: calibrated without heat.
-    """
-    model = heat_content(posterior)
-    if model is None:
-        return {}
-    sizes = posterior["posterior"].to_dataset()
-    shares = {}
-    for node, flow in zip(model["nodes"], model["flow"], strict=True):
-        names = [name for part in ("constant", "pattern", *SLOW) if (name := f"heat.{node}.{part}") in sizes]
-        shares[node] = math.hypot(*(float(sizes[name].mean()) for name in names)) / flow
-    return dict(sorted(shares.items(), key=lambda item: -item[1]))

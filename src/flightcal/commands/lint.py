@@ -56,7 +56,7 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
         raise typer.Exit(USER_ERROR)
     open_windows([windows[name] for name in loaded.train_windows], data)
     for window, built in windows.items():
-        accuracy = built.network.accuracy if built.network is not None else None
+        accuracy = built.network.accuracy if built.is_network else None
         steps = "" if accuracy is None else f"; {accuracy.steps} steps, error {_kelvin(accuracy.error)}"
         valid = "" if np.isfinite(built.observed).any() else ", no valid temperature"
         count = len(built.simulator.channels)

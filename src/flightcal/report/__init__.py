@@ -10,6 +10,7 @@ from .findings import MARKS, ORDER, UNEXPLAINED, Finding, likely
 from .heat_map import figure_correlation, heat_map
 from .in_short import in_short
 from .page import compose, write_report
+from .panels.heat import largest_heat
 from .run_files import ParameterInfo, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
 from .tables import Cell, Table

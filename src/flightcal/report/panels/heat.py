@@ -93,6 +93,11 @@ class NodeHeat:
         """Of the flow: mean absolute value of the expected pattern."""
         return float(np.abs(self.expected).mean()) / self.flow
 
+    @property
+    def peak(self) -> float:
+        """W, largest absolute value of the expected pattern."""
+        return float(np.abs(self.expected).max())
+
 
 @section("heat", "Heat that the simulator lacks")
 def panel(run: RunFiles) -> list[Block]:
@@ -159,6 +164,12 @@ def node_heats(run: RunFiles) -> list[NodeHeat]:
     return found
 
 
+def largest_heat(run: RunFiles) -> dict[str, float]:
+    """The largest heat that is expected in each node, as a share of what flows through it; the largest share first."""
+    shares = {node_heat.node: node_heat.peak / node_heat.flow for node_heat in node_heats(run)}
+    return dict(sorted(shares.items(), key=lambda share: -share[1]))
+
+
 def gains(run: RunFiles) -> Size | None:
     """Size of the relative errors of modes, loads and absorbed fluxes; None without any."""
     of_gains = next((group for group in (run.heat or {"groups": []})["groups"] if group["part"] == "gains"), None)
@@ -182,8 +193,7 @@ def sizes(nodes: Sequence[NodeHeat], of_gains: Size | None) -> Table:
     """Sizes of heat by node, in W and as a share of the flow, and a mark where they are large."""
     rows: list[list[str]] = []
     for node_heat in nodes:
-        peak = float(np.abs(node_heat.expected).max())
-        largest = f"{number(peak, 3)}\n{percent(peak / node_heat.flow)} of the flow"
+        largest = f"{number(node_heat.peak, 3)}\n{percent(node_heat.peak / node_heat.flow)} of the flow"
         mark = state(node_heat.share, node_heat.allowed)
         rows.append(
             [node_heat.node, number(node_heat.flow, 3), _cell(node_heat.constant, node_heat.flow),
