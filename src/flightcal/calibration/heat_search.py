@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from ..probability import DEVIATION, Evidence, Priors, Residuals, Shaped, filter_of
+from ..probability import DEVIATION, Evidence, Priors, Residuals, Shaped, filter_of, shape_of, through_noise
 from ..problem import (
     HeatModel,
     Problem,
@@ -84,8 +84,7 @@ class Linear:
 
     def through(self, shapes: tuple[Shaped, ...]) -> Callable[[FloatArray], FloatArray]:
         """What makes of columns [T, N, c] those through noise of these shapes and of deviation one, [N, T, c]."""
-        whitens = filter_of(replace(self.terms, kinds=shapes))
-        return lambda columns: whitens.whiten(np.moveaxis(columns, 1, 0), self.terms.valid)
+        return through_noise(replace(self.terms, kinds=shapes))
 
 
 @dataclass(frozen=True)
@@ -141,14 +140,7 @@ class Search:
 
     def shapes(self, sizes: FloatArray) -> tuple[Shaped, ...]:
         """Of each channel's noise."""
-        found = []
-        for kind, numbers in zip(self.kinds, self.numbers(sizes), strict=True):
-            if kind.has_memory:
-                values = dict(zip(kind.names, numbers, strict=False))
-                found.append(Shaped(values["correlation_time"], values["white"] / values["standard_deviation"]))
-            else:
-                found.append(Shaped(0.0, 1.0))
-        return tuple(found)
+        return tuple(shape_of(kind, numbers) for kind, numbers in zip(self.kinds, self.numbers(sizes), strict=True))
 
     # --- rounds -------------------------------------------------------------------------------------------------
 
@@ -214,7 +206,6 @@ class Search:
 
     def _linearise(self, window: Window, z: FloatArray, weights: FloatArray) -> Linear:
         problem = self.sampling
-        assert window.network is not None
         units, heat = self.units[window.name], self._heat(window, weights)
         around = replace(window, simulator=window.network.with_heat(heat))
         here = replace(
@@ -394,7 +385,6 @@ class Search:
 
     def _left(self, window: Window, z: FloatArray, weights: FloatArray) -> FloatArray | None:
         """Telemetry minus simulation and its error [T, N]; None where it fails."""
-        assert window.network is not None
         heat = self._heat(window, weights)
         theta = self.sampling.at(window, self.problem.to_theta(z))
         run = window.network.simulate_many(theta[None, window.simulated], heat[None])[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..errors import FlightcalError
-from ..probability import DEVIATION, Shaped, filter_of
+from ..probability import DEVIATION, shape_of, through_noise
 from ..problem import Entry, Problem, Window, heat_in_prior, held_by, hold, responses, sampled_windows, unit_heats
 from ..scenario import heat_of
 from ..simulator import FloatArray, SimulationFailure
@@ -80,7 +80,7 @@ def beside_heat(problem: Problem, z: FloatArray) -> BesideHeat | None:
     Raises FlightcalError where a simulation next to z fails.
     """
     if heat_of(problem.scenario) is None or any(
-        window.network is None or not window.network.network.heated for window in problem.windows
+        not window.is_network or not window.network.network.heated for window in problem.windows
     ):
         return None
     theta = problem.to_theta(z)
@@ -105,7 +105,7 @@ def beside_heat(problem: Problem, z: FloatArray) -> BesideHeat | None:
             for group, group_units, count in zip(model.groups, units[0], most, strict=True)
         ]
     )
-    whitened = [_Whitening(window, at) for window, at in zip(windows, thetas, strict=True)]
+    whitened = [_whitening(window, at) for window, at in zip(windows, thetas, strict=True)]
     effect = np.concatenate([whiten(jacobian) for whiten, jacobian in zip(whitened, effects, strict=True)])
     heat = np.concatenate(
         [whiten(_padded(window_heats, most)) for whiten, window_heats in zip(whitened, heats, strict=True)]
@@ -129,22 +129,16 @@ def _padded(of_groups: Sequence[FloatArray], most: Sequence[int]) -> FloatArray:
     return np.concatenate(wide, axis=2)
 
 
-class _Whitening:
-    """Turns temperatures of a window at theta [q] into independent ones, in deviations of the noise."""
+def _whitening(window: Window, theta: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """What makes of a window's temperatures [T, N, c] at theta [q] independent ones [N T, c], in deviations.
 
-    def __init__(self, window: Window, theta: FloatArray) -> None:
-        numbers, kinds, shapes = window.numbers(theta), window.residuals.terms.kinds, []
-        for kind, kind_numbers in zip(kinds, numbers, strict=True):
-            known = dict(zip(kind.names, kind_numbers.tolist(), strict=False))
-            white = known[kind.white] / known["standard_deviation"] if kind.white else 0.0
-            shapes.append(Shaped(known["correlation_time"], white) if kind.has_memory else Shaped(0.0, 1.0))
-        self.terms = replace(window.residuals.terms, kinds=tuple(shapes), heat=None)
-        self.filter, self.deviation = filter_of(self.terms), numbers[:, DEVIATION]
-
-    def __call__(self, columns: FloatArray) -> FloatArray:
-        """Of columns [T, N, c], zero where there is no sample: [N T, c]."""
-        white = self.filter.whiten(np.moveaxis(columns, 1, 0), self.terms.valid) / self.deviation[:, None, None]
-        return np.asarray(white.reshape(-1, columns.shape[2]))
+    They are zero where there is no sample.
+    """
+    terms, numbers = window.residuals.terms, window.numbers(theta)
+    shapes = tuple(map(shape_of, terms.kinds, numbers))
+    through = through_noise(replace(terms, kinds=shapes, heat=None))
+    deviation = numbers[:, DEVIATION, None, None]
+    return lambda columns: np.asarray((through(columns) / deviation).reshape(-1, columns.shape[2]))
 
 
 def _compared(

@@ -20,9 +20,9 @@ from .likelihood import (
 )
 from .noise import INDEPENDENT, called
 from .noise.kind import DEVIATION, NoiseKind
-from .noise.shaped import Shaped
+from .noise.shaped import Shaped, shape_of
 from .priors import CENTRAL, Priors, PriorTerms, Tilt, signed
 from .residuals import ResidualModel, residual_model
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
 from .straight import Straight, straight
-from .weighing import Evidence, Gains, Weighed, filter_of, weigh
+from .weighing import Evidence, Gains, Weighed, filter_of, through_noise, weigh

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -80,6 +80,12 @@ def filter_of(terms: Residuals) -> Filter:
         root[k, samples] = totals**-0.5
         determinant[k] = np.log(totals).sum()
     return Filter(decay, gain, root, determinant)
+
+
+def through_noise(terms: Residuals) -> Callable[[FloatArray], FloatArray]:
+    """What makes of columns [T, N, c] those through noise as in `filter_of`, of deviation one, [N, T, c]."""
+    whitens = filter_of(terms)
+    return lambda columns: whitens.whiten(np.moveaxis(columns, 1, 0), terms.valid)
 
 
 @dataclass(frozen=True)

@@ -64,3 +64,11 @@ class Shaped(NoiseKind):
     def white_variance(self, numbers: FloatArray) -> float:
         """Of the noise without, K^2."""
         return float(numbers[DEVIATION] * (self.white_share if self.has_memory else 1.0)) ** 2
+
+
+def shape_of(kind: NoiseKind, numbers: FloatArray) -> Shaped:
+    """The shape of a kind's normal noise at its numbers [n or more]."""
+    if not kind.has_memory:
+        return Shaped(0.0, 1.0)
+    known = dict(zip(kind.names, numbers.tolist(), strict=False))
+    return Shaped(known["correlation_time"], known[kind.white] / known["standard_deviation"] if kind.white else 0.0)
