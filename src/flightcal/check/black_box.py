@@ -20,6 +20,7 @@ from ..simulator import FloatArray
 from ..words import number
 from .comparison import Comparison, Rows, rows_of
 from .evidence import Fit, Gaussian, gaussian
+from .suspicion import CLEAR
 from .view import WIDENED, Point
 from .wrongs import COLDEST, HOTTEST, SHIFT, SHIFTS, Words, Wrong, clocks_as_read, wrongs_of_channels
 
@@ -168,8 +169,8 @@ class _Look:
     nothing: Fit
 
 
-def compared_by_runs(ensemble: Ensemble, clear: float) -> tuple[Fit, list[tuple[Fit, Wrong, float]]]:
-    """The telemetry with nothing wrong, and what is better by over `clear` nats, each with its nats, the best first."""
+def compared_by_runs(ensemble: Ensemble) -> tuple[Fit, list[tuple[Fit, Wrong, float]]]:
+    """The telemetry with nothing wrong, and what is better by over `CLEAR` nats, each with its nats, the best first."""
     look = _look(ensemble)
     tried = sorted(((*_gained(ensemble, look, wrong), wrong) for wrong in _wrongs(ensemble)), key=lambda item: -item[0])
     found: dict[tuple[str, str], tuple[Fit, Wrong, float]] = {}
@@ -177,7 +178,7 @@ def compared_by_runs(ensemble: Ensemble, clear: float) -> tuple[Fit, list[tuple[
         if nats < max(0.0, tried[0][0] - _FEW):
             break
         nats, fit, wrong = _closely(ensemble, look, nats, fit, wrong)
-        if nats > clear and wrong.matters(fit) and _is_nearer(ensemble, wrong, fit, look.nothing):
+        if nats > CLEAR and wrong.matters(fit) and _is_nearer(ensemble, wrong, fit, look.nothing):
             place = wrong.kind, wrong.about
             if place not in found or nats > found[place][2]:
                 found[place] = fit, wrong, nats
@@ -267,9 +268,7 @@ def _fit(ensemble: Ensemble, around: Gaussian, observed: FloatArray, wrong: Wron
     left = _left(ensemble, observed)
     fit = around.fit(left) if wrong is None else around.fit(left, wrong.columns, wrong.scale)
     moved = ensemble.away.T @ fit.moved / np.sqrt(len(ensemble.away) - 1.0)
-    names = ensemble.problem.names
-    off = [abs(float(change)) for name, change in zip(names, moved, strict=True) if not name.startswith("initial.")]
-    return replace(fit, farthest=max([fit.farthest, *off]))
+    return fit.with_parameters(ensemble.problem.names, moved)
 
 
 def _evidence(ensemble: Ensemble, around: Gaussian, observed: FloatArray) -> float:
@@ -283,8 +282,8 @@ def _left(ensemble: Ensemble, observed: FloatArray) -> FloatArray:
 
 
 def _is_nearer(ensemble: Ensemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
-    """Whether channels that are read in a smaller unit leave less of what they read: else they are only smaller."""
-    if wrong.scale.factor >= 1.0 or wrong.observed is None:
+    """Whether another unit is worth a word, if it is one."""
+    if not wrong.is_smaller:
         return True
     read = wrong.read(ensemble.observed)
     left, before = (
@@ -293,12 +292,10 @@ def _is_nearer(ensemble: Ensemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool
         .T
         for values, of in ((read, fit), (ensemble.observed, nothing))
     )
-    changed = np.any(np.abs(read - ensemble.observed) > 0.0, axis=0)
-    squares = np.nanmean(left[:, changed] ** 2) / wrong.scale.factor**2
-    return bool(squares < 0.5 * np.nanmean(before[:, changed] ** 2))
+    return wrong.leaves_less(left, before, ensemble.observed)
 
 
-def told_by_status(ensemble: Ensemble, clear: float) -> Iterator[tuple[str, str, Words]]:
+def told_by_status(ensemble: Ensemble) -> Iterator[tuple[str, str, Words]]:
     """Kind, channel and words of a status that says on where the simulator says off, and of heaters that never switch.
 
     By how often a heater is on, and by what warms meanwhile.
@@ -333,7 +330,7 @@ def told_by_status(ensemble: Ensemble, clear: float) -> Iterator[tuple[str, str,
         warms = _warms(window.observed[:, shows], window.status[:, k])
         if np.isfinite(warms):
             nats += _less_likely(warms, -warms, ensemble.follows[[k], shows], _MOVES)
-        if nats > clear:
+        if nats > CLEAR:
             yield (
                 "status inverted",
                 channel,

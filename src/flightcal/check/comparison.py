@@ -221,7 +221,7 @@ def thermostats(window: Window, rows: Rows) -> Iterator[Thermostat]:
 def known_thermostats(window: Window) -> Iterator[tuple[str, int, str]]:
     """Heaters of known thresholds whose sensor has a channel: each with its place among them, and that channel."""
     scenario = window.scenario
-    if window.network is None:
+    if not window.is_network:
         return
     for k, (name, heater) in enumerate(scenario.network.switches.items()):
         watching = [

@@ -88,6 +88,14 @@ class Fit:
         """Whether a model that is right can be so far off."""
         return self.size <= USUAL and self.misfit < 1.0
 
+    def with_parameters(self, names: Sequence[str], moved: FloatArray) -> Fit:
+        """With what is farthest off of parameters by name too, moved by so many deviations of their priors.
+
+        Where a node begins is no parameter: it is read from the telemetry, that may be wrong.
+        """
+        off = [abs(float(by)) for name, by in zip(names, moved, strict=True) if not name.startswith("initial.")]
+        return replace(self, farthest=max([self.farthest, *off]))
+
 
 @dataclass(frozen=True)
 class Modes:
@@ -249,12 +257,7 @@ def climbed(
         found = around.fit(flat - point.temperatures - back, columns, scale)
         wanted = centre + view.spread * np.clip(found.moved, -_FARTHEST, _FARTHEST)
     assert found is not None
-    # Where a node begins is read from the telemetry, that may be wrong.
-    names = view.problem.names
-    off = [
-        abs(float(change)) for name, change in zip(names, found.moved, strict=True) if not name.startswith("initial.")
-    ]
-    return replace(found, farthest=max([found.farthest, *off]))
+    return found.with_parameters(view.problem.names, found.moved)
 
 
 def _towards(view: View, window: Window, point: Point, wanted: FloatArray, like: Point | None) -> Point:

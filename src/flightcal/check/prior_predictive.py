@@ -124,7 +124,7 @@ def prior_predictive(
 
 def _why(problem: Problem, thetas: FloatArray) -> tuple[str, ...]:
     """What simulations at thetas [S, d] say that fail."""
-    if any(window.network is None for window in problem.windows):
+    if not all(window.is_network for window in problem.windows):
         return ()
     said: dict[str, None] = {}
     for theta in thetas:

@@ -30,7 +30,7 @@ from .evidence import Fit, climbed
 from .jumps import Jump, in_turns, in_words, jumps
 from .misfit import misfit
 from .prepared import prepared
-from .suspicion import BAD, CLEAR, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
+from .suspicion import BAD, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
 from .thermostat import copied, disobeyed, exchanged, inferred, unfollowed
 from .view import View
 from .white_box import OF_THERMOSTATS, compared
@@ -268,9 +268,9 @@ def _beside_runs(ensemble: Ensemble, found: list[Suspicion]) -> Suspects:
     strange = [Suspicion("unit", channel, *astuple(words)) for channel, words in no_temperatures(ensemble)]
     if strange or not np.isfinite(ensemble.observed).any():
         return Suspects((*strange, *found), False, "temperatures that no satellite has are not compared")
-    told = told_by_status(ensemble, CLEAR)
+    told = told_by_status(ensemble)
     found = [*found, *(Suspicion(kind, about, *astuple(words)) for kind, about, words in told)]
-    nothing, better = compared_by_runs(ensemble, CLEAR)
+    nothing, better = compared_by_runs(ensemble)
     helps = [(fit, suspicion_of(wrong, fit, nats)) for fit, wrong, nats in better]
     named = ranked(helps, nothing, _LEFT_BY_RUNS, _FAR_BY_RUNS, BAD)
     if not named and not nothing.is_usual:

@@ -91,7 +91,6 @@ class View(Comparison):
     @property
     def network(self) -> NetworkSimulator:
         """What simulates the window."""
-        assert self.window.network is not None
         return self.window.network
 
     def utc(self, seconds: FloatArray) -> NDArray[np.datetime64]:
@@ -228,7 +227,6 @@ class View(Comparison):
 
     def _doubt(self, window: Window, heater: str) -> FloatArray:
         """[K] how unknown it is whether a heater is on, from 0 to 1."""
-        assert window.network is not None
         on = np.nan_to_num(window.network.drive.measured[:, self.switch_of[heater]])
         return np.asarray(2.0 * np.sqrt(on * (1.0 - on)))
 
@@ -277,7 +275,6 @@ class View(Comparison):
     def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
         """[R, k] K for heat of series [k, 2 K] W in each step of a node. Raises SimulationFailure."""
         simulator = window.network
-        assert simulator is not None
         # So little that temperatures answer linearly, whatever the series is in.
         nudge = _NUDGE * max(self.heat.flow[self.heat.nodes.index(node)], 0.1) / (float(np.abs(series).max()) or 1.0)
         heat = np.zeros((len(series) + 1, len(simulator.network.heated), series.shape[1]))
@@ -286,7 +283,6 @@ class View(Comparison):
 
     def warmed(self, window: Window, z: FloatArray, heat: FloatArray) -> FloatArray:
         """[R, k] K by which heat [1 + k, h, 2 K] W in each step warms more than the first. Raises SimulationFailure."""
-        assert window.network is not None
         inside = self.problem.at(self.window, self.problem.to_theta(z))[self.window.simulated]
         runs = window.network.simulate_many(np.tile(inside, (len(heat), 1)), heat)
         if any(run is None for run in runs):
@@ -309,7 +305,6 @@ class View(Comparison):
 
 def pieces(window: Window, edges: FloatArray) -> FloatArray:
     """Series [k, 2 K] that are 1 in the steps of a window between two edges [k + 1], s from its start, and else 0."""
-    assert window.network is not None
     grid = window.network.drive.times
     place = np.searchsorted(edges, 0.5 * (grid[1:] + grid[:-1]), side="right") - 1
     return np.repeat((place == np.arange(len(edges) - 1)[:, None]).astype(float), 2, axis=1)

@@ -51,8 +51,6 @@ OF_THERMOSTATS = frozenset({
     "channel clock",
 })  # fmt: skip
 """Kinds of wrongs that explain why a status does not do what thresholds say."""
-_NEARER = 0.7
-"""Share of its misfit that a channel has left, as it was read, which another unit is worth a word of."""
 _READ = 1.0
 """K, root mean square: what a sensor reads otherwise by less, a model may lack and be right."""
 
@@ -131,7 +129,7 @@ def _promising(
 
 def _release(wrong: Wrong) -> None:
     """Give back what a wrong's window keeps for more simulations: thousands are simulated once or twice each."""
-    if wrong.window is not None and wrong.window.network is not None:
+    if wrong.window is not None and wrong.window.is_network:
         wrong.window.network.release()
 
 
@@ -145,16 +143,13 @@ def _matters(view: View, wrong: Wrong, fit: Fit) -> bool:
 
 
 def _is_nearer(view: View, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
-    """Whether channels that are read in a smaller unit leave less of what they read: else they are only smaller."""
-    if wrong.scale.factor >= 1.0 or wrong.observed is None:
+    """Whether another unit is worth a word, if it is one."""
+    if not wrong.is_smaller:
         return True
     kept = view.rows.kept
-    read = wrong.read(view.observed)
-    left = read - view.simulated(view.window, fit.z)[kept]
+    left = wrong.read(view.observed) - view.simulated(view.window, fit.z)[kept]
     before = view.observed - view.simulated(view.window, nothing.z)[kept]
-    changed = np.any(np.abs(read - view.observed) > 0.0, axis=0)
-    squares = np.nanmean(left[:, changed] ** 2) / wrong.scale.factor**2
-    return bool(squares < _NEARER**2 * np.nanmean(before[:, changed] ** 2))
+    return wrong.leaves_less(left, before, view.observed)
 
 
 def _by_what_is_left(view: View, look: _Look) -> Iterator[Wrong]:

@@ -361,7 +361,6 @@ def _with_late(view: View, channels: Collection[str], late: float) -> Window:
     data = view.telemetry.assign({name: ("time", _shifted(view, name, late)) for name in statuses})
     window = driven(view, telemetry=data if statuses else None)
     simulator = window.network
-    assert simulator is not None
     inputs, grid = simulator.drive.inputs.copy(), simulator.drive.times
     for name, load in scenario.network.loads.items():
         if load.driver in channels:

@@ -56,6 +56,8 @@ POWER = 0.25
 _STEPS, _SHORTEST, _LONGEST = 190, 30.0, 120.0
 """Of an orbit, and s that they last, of a simulation where shadows or modes begin at other times: the view's steps are
 short where its own do, and a small node that meets the Sun in a long one is thrown far off."""
+_NEARER = 0.7
+"""Share of its misfit that a channel has left, as it was read, which another unit is worth a word of."""
 _FIRST_STEPS = (2.0, 6.0, 14.0)
 """s, when the first ones end: where it is in the shadow then, a small node is far from what it starts at."""
 _OF_SENSORS = 600.0
@@ -118,6 +120,20 @@ class Wrong:
             if valid.any() and not valid.all():
                 found[:, k] = np.interp(np.arange(len(valid)), np.flatnonzero(valid), found[valid, k])
         return np.where(np.isfinite(as_it_is), found, np.nan)
+
+    @property
+    def is_smaller(self) -> bool:
+        """Whether channels are read in a smaller unit."""
+        return self.observed is not None and self.scale.factor < 1.0
+
+    def leaves_less(self, left: FloatArray, before: FloatArray, observed: FloatArray) -> bool:
+        """Whether channels in a smaller unit leave less of what they read: else they are only smaller.
+
+        left, before: [t, N] K that a simulation leaves of telemetry without the wrong, and as it is, `observed`.
+        """
+        changed = np.any(np.abs(self.read(observed) - observed) > 0.0, axis=0)
+        squares = np.nanmean(left[:, changed] ** 2) / self.scale.factor**2
+        return bool(squares < _NEARER**2 * np.nanmean(before[:, changed] ** 2))
 
     def matters(self, fit: Fit) -> bool:
         """Whether its number is worth a word."""
