@@ -56,7 +56,6 @@ def measure(quick: bool) -> Section:
     rows = []
     for name, problem in problems.items():
         network = problem.windows[0].network
-        assert network is not None
         unknowns, steps = len(network.integrated.mass), len(network.drive.times) - 1
         rows.append([name, str(unknowns), str(steps), str(timings[name]), ratio_text(relative[name])])
     columns = ("", "unknowns", "steps", "one gradient", "over the 12 nodes")

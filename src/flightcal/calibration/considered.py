@@ -94,12 +94,12 @@ def _change(problem: Problem, centre: FloatArray, moved: FloatArray, place: int)
 
 def _effects(problem: Problem, theta: FloatArray, within: float) -> tuple[list[str], list[FloatArray]] | None:
     """Paths [m] of fixed numbers, and K [T, N, m] of each window that such an error of theirs makes at theta [d]."""
-    network = problem.windows[0].network
-    if network is None or problem.scenario.network.reduced_model is not None:
+    window = problem.windows[0]
+    if not window.is_network or problem.scenario.network.reduced_model is not None:
         return None
-    mapping, paths = network.mapping, network.network.paths
+    mapping, paths = window.network.mapping, window.network.network.paths
     moved = {*mapping.set_positions.tolist(), *mapping.scaled_positions.tolist()}
-    places = [k for k in problem.windows[0].sizes if k not in moved and paths[k] not in _KNOWN]
+    places = [k for k in window.sizes if k not in moved and paths[k] not in _KNOWN]
     found: list[tuple[str, list[FloatArray]]] = []
     for k in places:
         try:

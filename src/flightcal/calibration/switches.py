@@ -60,7 +60,6 @@ def heater_times(window: Window, held: Held, theta: FloatArray, model: HeatModel
 
     window: in open loop, as its heaters are held, with its heat. Raises SimulationFailure.
     """
-    assert window.network is not None
     drive = window.network.drive
     count = int(np.clip(round(drive.times[-1] / window.interval), 1, _MOST_TIMES))
     edges = np.linspace(0.0, float(drive.times[-1]), count + 1)
@@ -101,7 +100,6 @@ def _read(window: Window, left: FloatArray, heater: str, times: FloatArray) -> t
 
     left: [T, N] K, telemetry minus simulation. A sensor without telemetry is nowhere known to be far.
     """
-    assert window.network is not None
     sensor, channels = window.scenario.network.switches[heater].sensor, window.simulator.channels
     told_apart = [k for k, channel in enumerate(channels) if window.scenario.observations[channel].node == sensor]
     known = np.flatnonzero(np.isfinite(left[:, told_apart[0]])) if told_apart else np.empty(0, np.int64)

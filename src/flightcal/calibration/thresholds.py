@@ -127,7 +127,6 @@ class _Told:
         """names: [p] of the parameters; of_windows: of each window and heater, at thetas [S, d]."""
         window = problem.windows[0]
         network, inside = window.network, problem.at(window, thetas)
-        assert network is not None
         self.priors = Priors(tuple(names), tuple(problem.entries[problem.names.index(name)].prior for name in names))
         self.of_heaters = list(zip(*of_windows, strict=True))
         self.scatter = log_prior_of_scatter(window, np.median(inside, axis=0))

@@ -79,7 +79,7 @@ def simulated(
         here = np.flatnonzero(group.ravel() == k)
         begun = window if states is None else window.begun(states[k])
         of_heat = None if heat is None else heat[here]
-        if added is not None and begun.network is not None:
+        if added is not None and begun.is_network:
             made = begun.network.simulate_switching(thetas[here][:, window.simulated], added[here], of_heat)
         elif trained:
             made = begun.simulate_many(thetas[here], of_heat)

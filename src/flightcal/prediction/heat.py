@@ -209,7 +209,6 @@ def heated_window(
 
 def _with_held(window: Window, status: FloatArray, count: int) -> FloatArray:
     """[count, H] heaters that are on at first: those without a status as in training [H], where it has been found."""
-    assert window.network is not None
     found = np.isfinite(status) & np.isin(np.arange(len(status)), window.unmeasured)
     return np.tile(np.where(found, status, window.network.drive.initially_on), (count, 1))
 

@@ -62,7 +62,6 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
     for window in problem.windows:
         theta = problem.at(window, draws.mean(axis=0))[window.simulated]
         try:
-            assert window.network is not None
             course, steps = courses(window.network, nodes, theta)
         except SimulationFailure:
             continue
@@ -81,7 +80,6 @@ def around_usual(first: Window, problem: Problem, draws: FloatArray) -> Window:
 
 def _at_the_place(first: Window, window: Window) -> FloatArray:
     """[K] how much the steps of a training window count: those at the place in the orbit where another begins."""
-    assert window.network is not None
     edges = window.network.drive.times
     middle = seconds_later(window.start, 0.5 * (edges[1:] + edges[:-1]))
     environment, folder = first.scenario.environment, first.scenario.folder
@@ -155,7 +153,6 @@ def condition_start(
 
     share: [H] of the time that each is on, which is how likely it is on where samples tell nothing.
     """
-    assert first.network is not None
     unmeasured = list(first.unmeasured[:_MOST_TRIED])
     patterns = np.tile(first.network.drive.initially_on, (2 ** len(unmeasured), 1))
     patterns[:, unmeasured] = list(itertools.product((0.0, 1.0), repeat=len(unmeasured)))

@@ -60,7 +60,7 @@ def lead_up_to(
     """
     span = problem.scenario.calibration.prediction.initial_span
     early = window.times < window.start + timespan(span)
-    if window.network is None or np.isfinite(window.observed[early]).any():
+    if not window.is_network or np.isfinite(window.observed[early]).any():
         return None
     start, words = _start(problem, telemetry, window)
     if start >= window.start:

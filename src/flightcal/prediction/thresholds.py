@@ -58,7 +58,6 @@ def draw_thresholds(
     offsets = np.array(written, float)[..., None] * _OFFSETS
     logs = np.zeros((2, len(heaters), len(thetas[0]), len(_OFFSETS), len(SCATTERS)))
     for window, theta, heat, shift in zip(windows, thetas, heats, shifts, strict=True):
-        assert window.network is not None
         thresholds = np.stack([window.network.thresholds(numbers) for numbers in theta[:, window.simulated]])
         for heater, found in enumerate(passages(window, theta, heat, shift)):
             for side in (0, 1):

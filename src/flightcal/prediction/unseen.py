@@ -57,7 +57,7 @@ def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = 
     of its range; sunlight where in the orbit it had none, and the other way round; with mean [T, N], K, temperatures
     that are predicted outside of the telemetry's range. Shares below 0.5% are left out. Empty where all is as it was.
     """
-    if window.network is None:
+    if not window.is_network:
         return ()
     durations, series = _looked_at(window)
     known = [ranges for ranges in (_looked_at(other)[1] for other in trained) if ranges]
@@ -82,7 +82,7 @@ def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = 
 
 def unseen_attribute(trained: Mapping[str, Window], window: Window, mean: FloatArray) -> dict[str, str]:
     """`unseen` as an attribute of the prediction of a window that was not trained on; none where it is not known."""
-    if window.name in trained or window.network is None:
+    if window.name in trained or not window.is_network:
         return {}
     return {"unseen": json.dumps([vars(item) for item in unseen(list(trained.values()), window, mean)])}
 
@@ -96,7 +96,7 @@ def read_unseen(file: Path) -> dict[str, tuple[Unseen, ...]]:
 
 def _looked_at(window: Window) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Time [P] s that each place stands for, and the inputs there by column [P]; none of another simulator."""
-    if window.network is None:
+    if not window.is_network:
         return np.empty(0), {}
     drive = window.network.drive
     begin, end = drive.inputs[:, 0], drive.inputs[:, 1]
@@ -108,7 +108,6 @@ def _looked_at(window: Window) -> tuple[FloatArray, dict[str, FloatArray]]:
 
 def _times(window: Window) -> NDArray[np.datetime64]:
     """[P] of the same places, UTC."""
-    assert window.network is not None
     grid = window.network.drive.times
     seconds = (grid[:-1, None] + _PLACES * np.diff(grid)[:, None]).ravel()
     return seconds_later(window.start, seconds)
@@ -145,7 +144,7 @@ def _sun(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
     sectors, sunlit = _in_orbit(window, origin)
     had = np.zeros((2, _SECTORS), bool)
     for trained_window in trained:
-        if trained_window.network is not None:
+        if trained_window.is_network:
             of_training, lit = _in_orbit(trained_window, origin)
             had[lit.astype(int), of_training] = True
     if not len(sectors) or not had.any():

@@ -51,16 +51,16 @@ _DRAWN, _SEED_OF_STEPS = 512, 0
 """Draws of the prior, some of which choose the length of the integration's steps."""
 
 
-def build_problem(scenario: Scenario, telemetry: xarray.Dataset, *windows: str, span: float | None = None) -> Problem:
+def build_problem(scenario: Scenario, telemetry: xarray.Dataset, *windows: str) -> Problem:
     """The calibration problem of a scenario on some of its windows, by default on all that it trains on.
 
-    span: only each window's first so many seconds. Raises ScenarioError and TelemetryError.
+    Raises ScenarioError and TelemetryError.
     """
     names = windows or scenario.train_windows
     if not names:
         raise ScenarioError("windows: found none to train on, expected 'train'")
-    built = [build_window(scenario, telemetry, name, span=span) for name in names]
-    return problem_of(scenario, built, open_windows(built, telemetry, span=span))
+    built = [build_window(scenario, telemetry, name) for name in names]
+    return problem_of(scenario, built, open_windows(built, telemetry))
 
 
 def problem_of(scenario: Scenario, windows: Sequence[Window], opened: Sequence[Window] = ()) -> Problem:
@@ -70,9 +70,7 @@ def problem_of(scenario: Scenario, windows: Sequence[Window], opened: Sequence[W
     return Problem(scenario, entries, tuple(windows), in_open_loop)
 
 
-def open_windows(
-    windows: Sequence[Window], telemetry: xarray.Dataset, *, span: float | None = None
-) -> tuple[Window, ...]:
+def open_windows(windows: Sequence[Window], telemetry: xarray.Dataset) -> tuple[Window, ...]:
     """The same windows with every heater driven by its measured status; empty where that cannot be.
 
     Nodes of those that switch more often than that shows are held by their own telemetry: see `pinned`.
@@ -83,7 +81,7 @@ def open_windows(
     scenario = windows[0].scenario
     unseen = unseen_heaters(scenario, telemetry, [window.span for window in windows], fast)
     made = [(pinned(open_loop(window.scenario), telemetry, unseen, fast), window.name) for window in windows]
-    return tuple(build_window(*driven, name, span=span) for driven, name in made)
+    return tuple(build_window(*driven, name) for driven, name in made)
 
 
 def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, span: float | None = None) -> Window:

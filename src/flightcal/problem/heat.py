@@ -260,7 +260,6 @@ def mixed(points: FloatArray, steps: FloatArray) -> FloatArray:
 
 def _linearised(window: Window, model: HeatModel, theta: FloatArray) -> Window:
     """A window around theta [q] of its own."""
-    assert window.network is not None
     units = unit_heats(model, window)
     heated = window.network.with_heat(heat_of_weights(model, units, split(model, model.centre)))
     around = replace(window, simulator=heated)

@@ -179,7 +179,6 @@ class HeatModel:
 def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], theta: FloatArray) -> HeatModel:
     """That of a scenario's `heat` for a calibration on windows; theta: [q] of the first at the prior's median."""
     simulator = windows[0].network
-    assert simulator is not None
     nodes = simulator.network.heated
     flow, brought = _heat_through(windows[0], theta)
     origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)
@@ -261,7 +260,6 @@ def knots_of(model: HeatModel, window: Window) -> FloatArray:
 
 def _span(window: Window, origin: np.datetime64) -> tuple[float, float]:
     """Beginning and end of a window, s from `origin`."""
-    assert window.network is not None
     first = float((window.start - origin) / np.timedelta64(1, "ns") * 1e-9)
     return first, first + float(window.network.drive.times[-1])
 
@@ -279,7 +277,6 @@ def _heat_through(window: Window, theta: FloatArray) -> tuple[FloatArray, FloatA
     Of a reduced model's nodes its file knows: those are nodes of the full network.
     """
     simulator, model = window.network, window.scenario.network
-    assert simulator is not None
     nodes = simulator.network.heated
     if model.reduced_model is not None:
         known = load(window.scenario.folder / model.reduced_model).heat

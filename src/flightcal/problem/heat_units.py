@@ -57,7 +57,6 @@ class Units:
 
 def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
     """Of each group, in a window of a thermal network."""
-    assert window.network is not None
     drive, start = window.network.drive, window.start
     grid = drive.times
     fine = np.unique(np.concatenate([grid, np.arange(0.0, grid[-1], max(_FINE, grid[-1] / _LOOKS))]))
@@ -116,7 +115,6 @@ def _in_steps(weights: csr_array, values: FloatArray) -> FloatArray:
 
 def _switch_heats(model: HeatModel, window: Window, whole: bool) -> Units:
     """What a shift of each switch by its deviation adds: the power of its heaters for that time, around the switch."""
-    assert window.network is not None
     switching, grid = window.switching, window.network.drive.times
     shares, series = [np.empty((0, len(model.nodes)))], [np.empty((0, 2 * (len(grid) - 1)))]
     for k in heated_switches(model, window) if whole else ():
@@ -145,7 +143,6 @@ def _inside(begin: float, end: float, grid: FloatArray) -> FloatArray:
 
 def _change_heats(model: HeatModel, window: Window, whole: bool) -> Units:
     """What each change of mode adds that is early by the deviation of a time: the heat that it changes, for so long."""
-    assert window.network is not None
     grid = window.network.drive.times
     found: list[tuple[float, FloatArray, FloatArray]] = []
     for change in window.changes if whole else ():
@@ -207,7 +204,6 @@ def heater_watts(model: HeatModel, window: Window, heater: str) -> FloatArray:
 
 def _gap_heats(model: HeatModel, window: Window, whole: bool) -> Units:
     """What a driver's deviation adds through its load, in each piece of a gap."""
-    assert window.network is not None
     grid = window.network.drive.times
     found: list[tuple[float, int, FloatArray]] = []
     for gap in window.bridged if whole else ():
@@ -225,7 +221,6 @@ def _gap_heats(model: HeatModel, window: Window, whole: bool) -> Units:
 
 def _errors(model: HeatModel, window: Window, whole: bool) -> Units:
     """The shapes of the simulator's error, each of its prior size."""
-    assert window.network is not None
     basis, variance = window.network.error_basis, window.network.error_variance
     if basis is None or not whole:
         basis, variance = np.empty((*window.observed.shape, 0)), np.empty(0)
@@ -296,7 +291,6 @@ def responses(
 
     Raises SimulationFailure.
     """
-    assert window.network is not None
     series = np.concatenate([group_units.series for group_units in units])
     share = np.concatenate([group_units.share for group_units in units])
     # Of the node whose flow it changes most.

@@ -21,7 +21,6 @@ def held_by(window: Window, theta: FloatArray) -> Held | None:
 
     Thermostats act there. Raises SimulationFailure.
     """
-    assert window.network is not None
     drive, simulator = window.network.drive, window.network
     steps, heaters = np.nonzero(np.isnan(drive.measured))
     if window.switching is None or not len(steps):
@@ -73,7 +72,6 @@ def with_other(held: Held, heater: int, on: Sequence[tuple[float, float]], withi
 
 def hold(window: Window, held: Held) -> Window:
     """A window in open loop whose heaters do what is held where their status is not known."""
-    assert window.network is not None
     assert window.switching is not None
     heaters = window.network.heaters
     drive = divided(window.network.drive, np.array([time for begin, end, _ in held.on for time in (begin, end)]))

@@ -168,7 +168,6 @@ class _Window:
 
     def __init__(self, window: Window, link: Link, place: Place, values: FloatArray) -> None:
         """values: [at least 2], to be filled: log likelihood of temperatures and of heater status."""
-        assert window.network is not None
         calls, fixed = window.network.calls(), window.residuals.fixed
         outputs = calls.outputs
         numbers, numbers_bar = np.zeros((2, len(window.written.values)))

@@ -151,7 +151,7 @@ def fast_heaters(windows: Iterable[Window]) -> set[str]:
     """Heaters without a measured status that switch, in closed loop at the priors' medians, more often than is seen."""
     found = set()
     for window in windows:
-        names = [window.network.heaters[k] for k in window.unmeasured] if window.network is not None else []
+        names = [window.network.heaters[k] for k in window.unmeasured] if window.is_network else []
         if not names:
             continue
         median = Priors(window.names, tuple(window.reads.values())).median()

@@ -247,7 +247,7 @@ class Problem:
 
     def native_density(self, coordinates: Whitening) -> NativeDensity | None:
         """The log density at w [d] of other coordinates as a C function; None where there is none."""
-        if any(window.network is None for window in self.windows):
+        if not all(window.is_network for window in self.windows):
             return None
         return native_density(self.windows, self.links, self.priors, coordinates)
 
@@ -475,9 +475,8 @@ class Problem:
     def warm(self) -> None:
         """Have all compiled code in the cache, as far as the simulators are thermal networks."""
         density = self.native_density(Whitening(np.zeros(len(self.names)), np.eye(len(self.names))))
-        network = self.windows[0].network
-        if density is not None and network is not None:
-            warm((*density.program.rows, *network.rows))
+        if density is not None and self.windows[0].is_network:
+            warm((*density.program.rows, *self.windows[0].network.rows))
 
     # --- what drifts --------------------------------------------------------------------------------------------
 

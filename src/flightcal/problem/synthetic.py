@@ -47,7 +47,6 @@ def with_drawn_heat(problem: Problem, rng: np.random.Generator) -> tuple[Problem
     shared: dict[int, FloatArray] = {}
     windows = []
     for window in problem.windows:
-        assert window.network is not None
         units = unit_heats(model, window)
         for g, (group, group_units) in enumerate(zip(model.groups, units, strict=True)):
             if g not in shared or group.window:

@@ -98,7 +98,6 @@ def passages(window: Window, thetas: FloatArray, heat: FloatArray | None, shifts
 
     shifts: [S, E] s by which each switch of its `switching` made a heater's time on longer than midway does.
     """
-    assert window.network is not None
     simulator = _looking(window.network)
     runs = simulator.simulate_many(thetas[:, window.simulated], heat)
     seconds, held = simulator.observation.times, pinned_heaters(window.scenario)
@@ -175,7 +174,6 @@ def _cycling(simulator: NetworkSimulator, heater: int, seconds: FloatArray) -> N
 def _switches(window: Window, heater: int, shifts: FloatArray, *, on: bool) -> _Switches:
     """Of the telemetry of a window, of a heater that goes on, or off; shifts: see `passages`."""
     status = window.status[:, heater]
-    assert window.network is not None
     start = window.times[0]
     known = np.flatnonzero(np.isfinite(status))
     offset = window.first_sample

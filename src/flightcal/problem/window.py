@@ -18,6 +18,7 @@ import numpy as np
 
 from ..compiled import Spare
 from ..environment import orbital_period
+from ..errors import FlightcalError
 from ..probability import (
     DEVIATION,
     THRESHOLD_ERROR,
@@ -228,9 +229,16 @@ class Window:
         return self.observed if self.heat is None else self.observed + self.heat.centre
 
     @property
-    def network(self) -> NetworkSimulator | None:
-        """The simulator, where it is a thermal network: compiled, and with thermostats that are known."""
-        return self.simulator if isinstance(self.simulator, NetworkSimulator) else None
+    def is_network(self) -> bool:
+        """Whether the simulator is a thermal network: compiled, and with thermostats that are known."""
+        return isinstance(self.simulator, NetworkSimulator)
+
+    @property
+    def network(self) -> NetworkSimulator:
+        """The simulator, which is a thermal network. Raises FlightcalError where it is another."""
+        if not isinstance(self.simulator, NetworkSimulator):
+            raise FlightcalError(f"window '{self.name}': found another simulator, expected a thermal network")
+        return self.simulator
 
     @cached_property
     def terms(self) -> Residuals:
@@ -265,7 +273,7 @@ class Window:
 
         heat: [S, h, 2 K] W that no block describes, of a thermal network.
         """
-        if heat is None or self.network is None:
+        if heat is None or not self.is_network:
             return self.simulator.simulate_many(thetas[:, self.simulated])
         return self.network.simulate_many(thetas[:, self.simulated], heat)
 
@@ -273,7 +281,7 @@ class Window:
         self, thetas: FloatArray, rng: np.random.Generator, heat: FloatArray | None = None
     ) -> list[Trajectory | None]:
         """The same, with thermostats that switch around their thresholds as far as the scenario says (`scatter`)."""
-        if self.network is None:
+        if not self.is_network:
             return self.simulate_many(thetas)
         return self.network.simulate_scattered(thetas[:, self.simulated], rng, heat)
 
@@ -292,18 +300,15 @@ class Window:
 
     def begun(self, on: FloatArray) -> Window:
         """The same whose heaters are on as in `on` [H], 0 or 1, at first; of a thermal network."""
-        assert self.network is not None
         return replace(self, simulator=replace(self.network, drive=replace(self.network.drive, initially_on=on)))
 
     def with_written(self, numbers: FloatArray) -> Window:
         """The same with other numbers [V] written in the scenario; of a thermal network."""
-        assert self.network is not None
         mapping = self.network.mapping._replace(written=numbers)
         return replace(self, simulator=replace(self.network, mapping=mapping))
 
     def multiplied(self, places: Sequence[int], factor: float) -> Window:
         """The same with some of the scenario's written numbers times a factor; of a thermal network."""
-        assert self.network is not None
         numbers = self.network.mapping.written.copy()
         numbers[list(places)] *= factor
         return self.with_written(numbers)
@@ -314,7 +319,7 @@ class Window:
 
         Of nodes, links, surfaces and heat, without temperatures and angles.
         """
-        if self.network is None:
+        if not self.is_network:
             return ()
         written = self.network.mapping.written
         return tuple(k for k, path in enumerate(self.network.network.paths) if written[k] != 0.0 and _is_size(path))
@@ -322,7 +327,7 @@ class Window:
     @cached_property
     def unmeasured(self) -> tuple[int, ...]:
         """Heaters of a thermal network whose status is not measured: for how long these are on is not known."""
-        if self.network is None:
+        if not self.is_network:
             return ()
         switches = self.scenario.network.switches
         return tuple(k for k, name in enumerate(self.network.heaters) if switches[name].measured_by is None)
@@ -383,7 +388,6 @@ class Window:
         Also the scaled deviations [E], and the vector-Jacobian product of these, to theta [q]. Raises
         SimulationFailure.
         """
-        assert self.network is not None
         assert self.measured_switches is not None
         excess, pull_back = self.network.threshold_excess(theta[self.simulated], self.measured_switches)
         scaled = excess / THRESHOLD_ERROR
@@ -502,7 +506,7 @@ class Window:
                 mean_squares += status_weight**2 * np.nanmean(np.abs(self.status - status), axis=(1, 2))
             return np.asarray(mean_squares)
 
-        if self.network is not None:
+        if self.is_network:
             return self.network.score_many(thetas[:, self.simulated], score)
         runs = self.simulate_many(thetas)
         return np.array([np.nan if run is None else score(run.temperatures[None], run.status[None])[0] for run in runs])

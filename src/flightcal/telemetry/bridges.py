@@ -27,13 +27,12 @@ def measured_inputs(scenario: Scenario) -> dict[str, Fill]:
     return found | {channel: scenario.telemetry.channels[channel].bridge for channel in drivers}
 
 
-def bridged(scenario: Scenario, dataset: xr.Dataset, period: float | None = None) -> Iterator[QualityRecord]:
+def bridged(scenario: Scenario, dataset: xr.Dataset) -> Iterator[QualityRecord]:
     """A record of each gap of measured inputs that reaches into a window and is longer than `SHORT_GAP` intervals.
 
-    Inputs that have the same gap, as those of one packet, share a record. period: of the orbit, s; default: that of the
-    dataset. `first` and `last`: the samples on both sides.
+    Inputs that have the same gap, as those of one packet, share a record. `first`, `last`: the samples on both sides.
     """
-    period = period or dataset.attrs.get("period_s")
+    period = dataset.attrs.get("period_s")
     gaps: dict[tuple[str, str, np.datetime64, np.datetime64], list[str]] = {}
     counts: dict[str, tuple[int, float]] = {}
     for channel, fill in measured_inputs(scenario).items():

@@ -75,7 +75,6 @@ def _fly(run: Run, problem: Problem, sampled: Sampled, *, flown_from: str, simul
 def _from_there(window: Window, theta: FloatArray, there: Flown) -> Trajectory | None:
     """The reduced model from where a flight is at the window's start, theta [q] aside; None: it failed."""
     network = window.network
-    assert network is not None
     theta = theta.copy()
     for k, name in enumerate(window.names):
         kind, _, node = name.partition(".")
