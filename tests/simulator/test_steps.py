@@ -7,7 +7,7 @@ import pytest
 
 from flightcal.scenario import step_tolerance
 from flightcal.simulator.drive import Inputs
-from flightcal.simulator.steps import Comparison, _tightened
+from flightcal.simulator.steps import StepErrors, _tightened
 
 from .. import small
 from .satellites import problem_of, random_satellite
@@ -127,7 +127,7 @@ def test_a_grid_that_misses_the_tolerance_by_little_is_tried_with_shorter_steps(
     def compare(grid, halves):
         off = np.zeros((1, len(halves), 1))
         off[0, len(halves) // 2] = 2.5 * TOLERANCE * (1.1 if np.diff(grid).max() > limit else 0.9)
-        return Comparison(off, [nothing])
+        return StepErrors(off, [nothing])
 
     found = _tightened(inputs, compare, TOLERANCE, lambda at: np.full(at.shape, 200.0))
     if longest is None:

@@ -3,7 +3,6 @@
 Imports: errors, probability, problem, progress, run, scenario, simulator, telemetry.
 """
 
-from .considered import FixedNumbers
 from .diagnostics import (
     EMULATED_DENSITY,
     EMULATOR_ERROR,
@@ -18,6 +17,7 @@ from .diagnostics import (
     with_gate,
 )
 from .find_heat import with_found_states
+from .fixed_numbers import FixedNumbers
 from .heat_file import heat_content, with_kept_heat
 from .methods import calibrate_nuts
 from .mode import climb, find_mode

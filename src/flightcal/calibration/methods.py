@@ -13,7 +13,7 @@ from ..run import numbers_told
 from ..scenario import NutsSettings, heat_of
 from ..simulator import FloatArray
 from .diagnostics import Diagnostics, diagnose
-from .enough import sample_enough
+from .enough_draws import sample_enough
 from .mode import check_simulated, find_mode
 from .nuts import Draws, sample_problem
 from .posterior import Posterior, prior_scores

@@ -26,7 +26,7 @@ from ..scenario import (
     resolved_yaml,
     settable,
 )
-from .considered import FixedNumbers, considered
+from .fixed_numbers import FixedNumbers, considered
 from .heat_file import with_kept_heat
 from .optimisation import best_fit
 from .posterior import thetas_of

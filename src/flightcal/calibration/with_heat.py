@@ -13,7 +13,7 @@ from ..progress import Progress, about
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import LINEAR, Diagnostics, Gate, diagnose, gate, with_gate
-from .enough import sample_enough
+from .enough_draws import sample_enough
 from .find_heat import find_heat
 from .heat_check import HeatCheck, check_heat
 from .heat_point import HeatPoint, bend, draw_sizes, follow, moved, spread_sizes, start_with_heat

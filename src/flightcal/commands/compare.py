@@ -69,7 +69,7 @@ def compare(
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ComparedModels:
     """What the models came to."""
 
     folder: Path
@@ -92,7 +92,7 @@ def compare_models(
     leave_windows_out: bool = False,
     backtest: bool = False,
     progress: Progress = SILENT,
-) -> Comparison:
+) -> ComparedModels:
     """Run the experiment with each model in a folder of its name in `out`, and write comparison.json and .html.
 
     models: some of `validation.MODELS`; None: the usual ones that the scenario can have. What is done in the folder is
@@ -181,7 +181,7 @@ def compare_models(
         content["interval"] = scenario.calibration.prediction.interval
         write_json(folder / _RESULT, plain(content))
         write_comparison(folder)
-        return Comparison(folder, summaries, content)
+        return ComparedModels(folder, summaries, content)
 
 
 def _predictions(file: Path) -> dict[str, xarray.Dataset]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ..calibration import Calibrated
-    from .kept import Kept
+    from .finished_run import FinishedRun
 
 _FEW = 20
 """Differences between scenarios that are told."""
@@ -46,9 +46,9 @@ def diff(
 
 def print_difference(first: Path, second: Path, console: Console, *, every: bool = False) -> None:
     """Two finished runs of a satellite side by side. Raises RunError, also where they have nothing in common."""
-    from .kept import read_kept
+    from .finished_run import read_finished
 
-    one, two = read_kept(first), read_kept(second)
+    one, two = read_finished(first), read_finished(second)
     _check_comparable(one, two)
     for label, run in (("A", one), ("B", two)):
         say(console, f"{label}: {run.title}")
@@ -90,7 +90,7 @@ def changed_files(one: Mapping[str, str], two: Mapping[str, str]) -> list[str]:
     return list(dict.fromkeys(Path(path).name for path, content in found if content in only))
 
 
-def in_terms_of(one: Kept, two: Kept, quantity: Calibrated) -> Calibrated:
+def in_terms_of(one: FinishedRun, two: FinishedRun, quantity: Calibrated) -> Calibrated:
     """A quantity of the second run as one of the first: a factor is one of the first run's numbers."""
     from ..scenario import number_in
 
@@ -114,7 +114,7 @@ def in_unit_of(one: Calibrated, two: Calibrated) -> Calibrated:
     return two.rescaled(lambda value: first_unit.of(other.si(value)), other.factor / first_unit.factor, one.unit)
 
 
-def _check_comparable(one: Kept, two: Kept) -> None:
+def _check_comparable(one: FinishedRun, two: FinishedRun) -> None:
     from ..errors import RunError
 
     for what, block in (("channel", "observations"), ("parameter", "parameters")):
@@ -125,7 +125,7 @@ def _check_comparable(one: Kept, two: Kept) -> None:
             raise RunError(f"found no {what} in common ({found}), expected two runs of one satellite")
 
 
-def _print_answers(one: Kept, two: Kept, console: Console) -> None:
+def _print_answers(one: FinishedRun, two: FinishedRun, console: Console) -> None:
     from ..report import MARKS
 
     for left, right in zip(one.verdict["answers"], two.verdict["answers"], strict=False):
@@ -137,7 +137,7 @@ def _print_answers(one: Kept, two: Kept, console: Console) -> None:
             say(console, f"      {label} {MARKS[answer['state']]}: {answer['answer']}")
 
 
-def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> None:
+def _print_scenarios(one: FinishedRun, two: FinishedRun, console: Console, every: bool) -> None:
     left, right = (_compared(run.scenario) for run in (one, two))
     found = sorted(differences(left, right), key=lambda item: _weight(item[0]))
     if changed := changed_files(one.provenance.get("inputs", {}), two.provenance.get("inputs", {})):
@@ -149,11 +149,11 @@ def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> Non
         console.print(f"  and {len(found) - _FEW} more with --all", highlight=False)
 
 
-def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> None:
+def _print_parameters(one: FinishedRun, two: FinishedRun, console: Console, every: bool) -> None:
     from rich.markup import escape
 
     from ..words import interval
-    from .kept import chosen
+    from .finished_run import chosen
 
     title = "Parameters, mean [95%], and B - A in deviations"
     table = table_of(title, ("name, unit",), ("A", "B", "B - A"), overflow="fold")
@@ -175,7 +175,7 @@ def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> No
         console.print(table)
 
 
-def _print_scores(one: Kept, two: Kept, console: Console) -> None:
+def _print_scores(one: FinishedRun, two: FinishedRun, console: Console) -> None:
     """Scores of the stochastic update over all channels, in the windows of either."""
     from rich.markup import escape
 

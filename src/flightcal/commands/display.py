@@ -100,7 +100,7 @@ class _Bars:
 
 def print_summary(summary: Summary, console: Console | None = None) -> None:
     """The comparison of the methods, and at the end what the page begins with: the verdict and the parameters."""
-    from .kept import chosen, parameter_table
+    from .finished_run import chosen, parameter_table
 
     console = console or Console()
     _print_scores(summary.metrics, console)

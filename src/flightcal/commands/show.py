@@ -32,9 +32,9 @@ def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
     """What a finished run found; every: quantities that are no parameters of the scenario, too. Raises RunError."""
     from ..prediction import PREDICTION_FILE, read_limits_told, simulator_errors
     from .display import print_limits, print_verdict
-    from .kept import ABOUT, chosen, parameter_table, read_kept
+    from .finished_run import ABOUT, chosen, parameter_table, read_finished
 
-    kept = read_kept(folder)
+    kept = read_finished(folder)
     say(console, kept.title)
     print_verdict(kept.verdict, folder, console)
     rows = chosen(kept.parameters, every)

@@ -27,7 +27,7 @@ from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import quiet_noise
 from .design import Evaluate, RealRuns, Runs, check_start, on_all_windows, start_thetas, taken, thetas_of, title
 from .emulator import Emulator, fit_emulator, simulated_priors, with_emulator
-from .held_out import Validation, together, validate
+from .held_out import HeldOutScores, together, validate
 from .horizon import farthest_emulator, shape_tolerance
 from .influence import influence, most_telling
 from .runs import TrainingRuns, failure_summary
@@ -67,7 +67,7 @@ class Round:
     """Largest difference of the parameters' means from the round before, in standard deviations; NaN in the first."""
     monte_carlo: float
     """Two standard errors of `mean_shift` by sampling."""
-    validation: Validation | None
+    validation: HeldOutScores | None
     """Of the emulator of the round before, on the runs that this round added."""
     verdict: str
     """What goes on."""
@@ -171,7 +171,7 @@ def learn(
     runs = campaign.complete(taken(runs, slice(0, 0)), start_thetas(problem, count, seed), 0)
     check_start(problem, runs)
     whole = sum(len(window.times) for window in windows)
-    validation: Validation | None = None
+    validation: HeldOutScores | None = None
     belief: Belief | None = None
     rounds: list[Round] = []
     found: list[Belief] = []
@@ -273,7 +273,7 @@ def _fit(
     return tuple(fits)
 
 
-def _validation(problem: Problem, fits: Sequence[Fit], runs: Sequence[TrainingRuns]) -> Validation:
+def _validation(problem: Problem, fits: Sequence[Fit], runs: Sequence[TrainingRuns]) -> HeldOutScores:
     """Of emulators, on finished runs of each window that they were not fitted to."""
     return together(
         {

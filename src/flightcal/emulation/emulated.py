@@ -14,7 +14,7 @@ from ..simulator import FloatArray
 from .active import noise_level
 from .design import Runs, on_all_windows, start_design, title
 from .emulator import fit_emulator, simulated_priors, with_emulator
-from .held_out import Validation, judge, together, validate
+from .held_out import HeldOutScores, judge, together, validate
 from .horizon import shape_tolerance
 from .influence import emulated
 from .runs import TrainingRuns, failure_summary, no_runs
@@ -68,7 +68,7 @@ def through_the_priors(problem: Problem, runs: Runs) -> Problem:
 
 def around_draws(
     window: Window, thetas: FloatArray, seed: int, runs: TrainingRuns | None = None
-) -> tuple[Window, TrainingRuns, Validation]:
+) -> tuple[Window, TrainingRuns, HeldOutScores]:
     """A window that is only predicted, with an emulator made around posterior draws thetas [S, q].
 
     Initial temperatures are this window's own, and are drawn from their priors. runs: what an earlier call returned.
@@ -94,7 +94,7 @@ def around_draws(
 class SimulatorCheck:
     """What the simulator itself says of a posterior through its emulator."""
 
-    validation: Validation
+    validation: HeldOutScores
     density_error: float
     """Of the log density over posterior draws: see `simulator_check.density_error`."""
     steps: tuple[Steps, ...]

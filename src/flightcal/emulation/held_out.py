@@ -36,7 +36,7 @@ class ChannelValidation:
 
 
 @dataclass(frozen=True)
-class Validation:
+class HeldOutScores:
     """The verdict on an emulator."""
 
     runs: int
@@ -51,7 +51,7 @@ class Validation:
         return not self.failures
 
 
-def validate(emulator: Emulator, runs: TrainingRuns) -> Validation:
+def validate(emulator: Emulator, runs: TrainingRuns) -> HeldOutScores:
     """Judge an emulator by K finished runs that it was not fitted to.
 
     Raises FlightcalError where there are none.
@@ -62,7 +62,7 @@ def validate(emulator: Emulator, runs: TrainingRuns) -> Validation:
     return judge(runs.temperatures - mean, deviation, runs.channels)
 
 
-def judge(errors: FloatArray, deviations: FloatArray, channels: tuple[str, ...]) -> Validation:
+def judge(errors: FloatArray, deviations: FloatArray, channels: tuple[str, ...]) -> HeldOutScores:
     """Judge errors [K, T, N] by the standard deviations [K, T, N] that were predicted, K both.
 
     The samples of a run are so alike that it counts as one trial: the emulator fails where the 95% intervals cover
@@ -98,10 +98,10 @@ def judge(errors: FloatArray, deviations: FloatArray, channels: tuple[str, ...])
                 f"{channel.channel}: errors on {runs} held-out runs are {channel.standardised:.2f} of the predicted "
                 f"standard deviations (root mean square), expected at most {most:.2f}"
             )
-    return Validation(runs, tuple(found), tuple(failures))
+    return HeldOutScores(runs, tuple(found), tuple(failures))
 
 
-def together(found: Mapping[str, Validation]) -> Validation:
+def together(found: Mapping[str, HeldOutScores]) -> HeldOutScores:
     """One verdict on several windows' emulators, by what their channels' names begin with; "all" weighs runs alike."""
     if len(found) == 1:
         return next(iter(found.values()))
@@ -121,4 +121,4 @@ def together(found: Mapping[str, Validation]) -> Validation:
     )
     channels = [replace(c, channel=f"{start}{c.channel}") for start, one in found.items() for c in one.channels]
     failures = tuple(f"{start}{failure}" for start, one in found.items() for failure in one.failures)
-    return Validation(int(runs.sum()), (*channels, everything), failures)
+    return HeldOutScores(int(runs.sum()), (*channels, everything), failures)

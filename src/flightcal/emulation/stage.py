@@ -39,7 +39,7 @@ from .emulated import (
     through_the_priors,
 )
 from .emulator import fit_emulator, simulated_priors, with_emulator
-from .held_out import Validation
+from .held_out import HeldOutScores
 from .horizon import beginning
 from .runs import read_runs
 from .simulator_check import LARGEST_DENSITY_ERROR
@@ -170,7 +170,7 @@ def _rule(problem: Problem, emulation: Emulation) -> Gate:
     return gate(EMULATOR_ERROR, emulation.reached, found, "no longer matters", advice)
 
 
-def _held_out(validation: Validation) -> Gate:
+def _held_out(validation: HeldOutScores) -> Gate:
     covered = validation.channels[-1].coverage[-1]
     return gate(
         HELD_OUT,

@@ -24,7 +24,7 @@ from .callable import FunctionDescription
 from .executable import ExecutableProgram
 from .fmu import FmuDescription
 from .in_worker import WorkerProgram
-from .program import Program
+from .program import ExternalProgram
 from .simulator import ExternalSimulator, external_simulator
 from .umbridge import ServerDescription
 
@@ -57,7 +57,7 @@ def _program(
     end: np.datetime64,
     times: FloatArray,
     period: float,
-) -> Program:
+) -> ExternalProgram:
     folder = scenario.folder.absolute()
     outputs = tuple(output.name or name for name, output in model.outputs.items())
     heaters = tuple(heater.name or name for name, heater in model.heaters.items())

@@ -33,7 +33,7 @@ class Model(Protocol):
     """An open model, in the worker."""
 
     def run(self, inputs: Mapping[str, float]) -> Outputs:
-        """See `Program.run`. A model with a gradient has a `pull_back` too, as of `Program`, without the time-out."""
+        """As of any `ExternalProgram`. A model with a gradient has its `pull_back` too, without the time-out."""
 
 
 class Description(Protocol):
@@ -41,7 +41,7 @@ class Description(Protocol):
 
     @property
     def has_gradient(self) -> bool | None:
-        """See `Program`; None: the open model knows, see its own `has_gradient`."""
+        """See `ExternalProgram`; None: the open model knows, see its own `has_gradient`."""
 
     def open(self) -> Model:
         """The model. Raises RunFailure where it cannot be opened."""

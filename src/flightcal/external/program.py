@@ -31,7 +31,7 @@ class Outputs(NamedTuple):
     """[T, H] 0 or 1, or a share of full power."""
 
 
-class Program(Protocol):
+class ExternalProgram(Protocol):
     """A way to run a simulator on one window; plain data, so that it can be sent to another machine."""
 
     @property

@@ -15,7 +15,7 @@ from ..errors import ScenarioError
 from ..scenario import ExternalModel, Numbers, Scenario, kind_of_simulator, numbers_of
 from ..simulator import FloatArray, IntArray, SimulationFailure, Switch, Trajectory, cores
 from ._processes import kill_all
-from .program import Program, RunFailure, checked
+from .program import ExternalProgram, RunFailure, checked
 from .record import FINISHED, Outcome, Record
 
 _WORTH_ANOTHER_TRY = ("crashed", "timed out", "partial output", "unreachable")
@@ -50,7 +50,7 @@ class ExternalSimulator:
     kind: str
     parameters: tuple[str, ...]
     inputs: Inputs
-    program: Program
+    program: ExternalProgram
     times: FloatArray
     """[T] s from the window's start."""
     duration: float
@@ -198,7 +198,7 @@ def build_inputs(scenario: Scenario, model: ExternalModel, channels: Sequence[st
 
 
 def external_simulator(
-    scenario: Scenario, model: ExternalModel, program: Program, times: FloatArray, duration: float
+    scenario: Scenario, model: ExternalModel, program: ExternalProgram, times: FloatArray, duration: float
 ) -> ExternalSimulator:
     """The simulator of a scenario on a window of `duration` s, observed at `times` [T] s from its start."""
     channels = tuple(name for name, item in scenario.observations.items() if item.output is not None)

@@ -293,7 +293,7 @@ def implied_energy(observed_duty: float, duty: float, energy: float) -> float:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ScoreRow:
     """Genetic against stochastic: `ratio` is stochastic / genetic, `published` the paper's ratio.
 
     genetic is the mean of the runs, as published; genetic_best the best run, and ratio_best stochastic / that.
@@ -312,7 +312,7 @@ class Comparison:
     ratio_best: float | None = None
 
 
-def comparison_table(metrics: Sequence[Metric]) -> list[Comparison]:
+def comparison_table(metrics: Sequence[Metric]) -> list[ScoreRow]:
     """Genetic against stochastic in every window and channel: RMSE, MAPE, CRPS, in the order of `metrics`."""
     compared = ("rmse", "mape_kelvin", "mape_celsius", "crps")
     found = by_place(m for m in metrics if m.metric in compared)
@@ -325,5 +325,5 @@ def comparison_table(metrics: Sequence[Metric]) -> list[Comparison]:
         ratio, to_best = (stochastic / value if stochastic is not None and value else None for value in (genetic, best))
         note = next((m.note for m in pair if m and m.value is None), "")
         unit = next((m.unit for m in pair if m), "")
-        rows.append(Comparison(*place, unit, genetic, stochastic, ratio, PUBLISHED.get(place[2]), note, best, to_best))
+        rows.append(ScoreRow(*place, unit, genetic, stochastic, ratio, PUBLISHED.get(place[2]), note, best, to_best))
     return rows

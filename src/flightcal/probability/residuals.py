@@ -32,7 +32,7 @@ _DIFFERENCE = 1e-4
 
 
 @dataclass(frozen=True)
-class Entry:
+class NoiseEntry:
     """A number of a channel's residuals that is an entry of theta."""
 
     name: str
@@ -49,7 +49,7 @@ class ResidualModel:
     terms: Residuals
     fixed: FloatArray
     """[N, n] the numbers; anything where one is an entry of theta."""
-    entries: tuple[Entry, ...]
+    entries: tuple[NoiseEntry, ...]
 
     @cached_property
     def is_independent(self) -> bool:
@@ -164,14 +164,14 @@ def residual_model(
     seconds = (times - times[0]) / np.timedelta64(1, "ns") * 1e-9 if len(times) else np.empty(0)
     fixed = np.zeros((len(channels), NUMBERS))
     priors: dict[str, Prior] = {}
-    entries: list[Entry] = []
+    entries: list[NoiseEntry] = []
 
     def put(name: str, value: Prior | float, channel: int, column: int, size: Any = "") -> None:
         if isinstance(value, float):
             fixed[channel, column] = value
         else:
             priors.setdefault(name, value)
-            entries.append(Entry(name, channel, column, size))
+            entries.append(NoiseEntry(name, channel, column, size))
 
     noises = [noise_of(scenario, channel) for channel in channels]
     kinds = [kind_of_noise(noise) for noise in noises]

@@ -6,7 +6,7 @@ Imports: compiled, environment, errors, scenario, telemetry.
 from .assembly import ParameterMap, assemble, own_initial
 from .build import TIME_ERROR, network_simulator, open_loop
 from .drive import Times, divided, face_series, in_steps, spread, step_weights
-from .flow import courses, flow_through, heat_of_inputs
+from .heat_flow import courses, flow_through, heat_of_inputs
 from .integrate import SimulationFailure, cores, in_parallel, integrate, sensor_temperatures
 from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
 from .kernels.lanes import WIDTH

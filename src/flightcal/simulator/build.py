@@ -15,7 +15,7 @@ from .drive import Times, drive_on, make_grid, window_inputs
 from .network import Network, build_network, sensor_state
 from .sampling import Observation, Sensors
 from .simulate import NetworkSimulator, Trajectory
-from .steps import ROOM, Comparison, choose_grid, measure, to_try
+from .steps import ROOM, StepErrors, choose_grid, measure, to_try
 from .system import FloatArray
 
 _WILD = 1e5  # K
@@ -86,7 +86,7 @@ def network_simulator(
 
     follows = [_follows_telemetry(scenario.network, str(item.node)) for item in observed.values()]
 
-    def compare(grid: FloatArray, halves: FloatArray) -> Comparison | None:
+    def compare(grid: FloatArray, halves: FloatArray) -> StepErrors | None:
         looking = replace(simulator, observation=Observation(halves, sensors), scatter=np.zeros(0))
         runs = [replace(looking, drive=drive_on(inputs, points)).simulate_many(thetas) for points in (grid, halves)]
         pairs = [(a, b) for a, b in zip(*runs, strict=True) if a and b and not (_is_wild(a) or _is_wild(b))]
@@ -95,7 +95,7 @@ def network_simulator(
         switched = [np.concatenate([a.switches.time, b.switches.time]) for a, b in pairs]
         off = np.stack([a.temperatures - b.temperatures for a, b in pairs])
         off[:, :, follows] *= np.where(halves < _SETTLES, 0.0, _LOOSELY)[:, None]
-        return Comparison(off, switched)
+        return StepErrors(off, switched)
 
     if scenario.network.step is not None:
         found = measure(coarse, compare)

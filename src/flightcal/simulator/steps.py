@@ -67,7 +67,7 @@ Lengths = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Comparison:
+class StepErrors:
     """Simulations at S thetas on two grids."""
 
     off: FloatArray
@@ -76,7 +76,7 @@ class Comparison:
     """[S] of [.] s, when thermostats acted on either."""
 
 
-Compare = Callable[[FloatArray, FloatArray], Comparison | None]
+Compare = Callable[[FloatArray, FloatArray], StepErrors | None]
 """None: all simulations failed."""
 
 

@@ -4,7 +4,6 @@ Imports: environment, errors, scenario.
 """
 
 from .average import ENOUGH, LONG, MANY, dense_channels, length_in_common
-from .blurred import is_blurred, smoothed
 from .bridges import bridged, measured_inputs
 from .clean import usual_interval
 from .columns import FoundColumn
@@ -21,6 +20,7 @@ from .drivers import (
     status_or_unknown,
     switch_bounds,
 )
+from .fast_status import is_blurred, smoothed
 from .modes import NOTHING, FoundModes
 from .noise import quiet_noise
 from .quality import quality_table

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.calibration.diagnostics import Diagnostics, diagnose, gate
-from flightcal.calibration.enough import sample_enough
+from flightcal.calibration.enough_draws import sample_enough
 from flightcal.calibration.nuts import Draws
 from flightcal.problem import Whitening
 from flightcal.progress import SILENT

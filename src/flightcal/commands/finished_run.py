@@ -44,7 +44,7 @@ _WIDEST: Final = 1000
 
 
 @dataclass(frozen=True)
-class Kept:
+class FinishedRun:
     """What a finished run says of itself."""
 
     folder: Path
@@ -65,7 +65,7 @@ class Kept:
         return f"{name}, run {str(made.get('identity', ''))[:12]} of {created} UTC, flightcal {made.get('flightcal')}"
 
 
-def read_kept(folder: Path) -> Kept:
+def read_finished(folder: Path) -> FinishedRun:
     """A finished run. Raises RunError where the folder holds none, or where a file in it is damaged."""
     wanted = "expected the folder of a run that 'flightcal calibrate' wrote"
     if not folder.exists():
@@ -84,7 +84,7 @@ def read_kept(folder: Path) -> Kept:
         again = "run the same 'flightcal calibrate' again, which takes up where it stopped"
         raise RunError(f"{folder}: found an unfinished run ({lacking[0]} is missing), expected a finished one; {again}")
     check_whole(folder)
-    return Kept(
+    return FinishedRun(
         folder,
         provenance,
         read_json(folder / "verdict.json"),

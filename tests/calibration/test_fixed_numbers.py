@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flightcal.calibration.considered import considered
+from flightcal.calibration.fixed_numbers import considered
 from flightcal.problem import build_problem
 from flightcal.scenario import LogNormal
 from tests import small
