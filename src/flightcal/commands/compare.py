@@ -101,29 +101,15 @@ def compare_models(
     recommend by that.
     Raises FlightcalError for what is the user's to mend, and KeyboardInterrupt after a sampling that was interrupted.
     """
-    from ..prediction import PREDICTION_FILE, score
+    from ..prediction import score
     from ..report import write_comparison
     from ..run import locked, plain, sweep, write_json, write_text
     from ..scenario import is_trained, load_scenario, resolved_yaml
     from ..telemetry import read
-    from ..validation import (
-        USUAL,
-        band_scores,
-        check_simulator,
-        check_windows,
-        comparison_of,
-        models_of,
-        scored_by_all,
-        variant,
-    )
+    from ..validation import band_scores, check_simulator, check_windows, comparison_of, scored_by_all, variant
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
-    known = models_of(scenario)
-    if models is None:
-        models = [model for model in USUAL if model in known]
-    unknown = [model for model in models if model not in known]
-    if unknown or len(set(models)) < 2:
-        raise RunError(f"--models: found {', '.join(unknown or models)}, expected two or more of {', '.join(known)}")
+    models = _asked_for(scenario, models)
     if all(is_trained(window) for window in scenario.windows):
         raise RunError(f"{scenario_file}: windows: found none but those to train on, expected one to compare on")
     if leave_windows_out:
@@ -158,21 +144,12 @@ def compare_models(
             scores = band_scores(by_origin, backtests[model]["period"])
             backtests[model] = backtests[model] | {"scores": plain(scores)}
         passed = {model: summary.passed for model, summary in summaries.items()}
-        predictions = scored_by_all(
-            {
-                model: {
-                    window: dataset
-                    for window, dataset in _predictions(summary.run / PREDICTION_FILE).items()
-                    if not is_trained(window)
-                }
-                for model, summary in summaries.items()
-            }
-        )
+        useless = [model for model, summary in summaries.items() if summary.verdict.exit_code == MODEL_FAILED]
+        predictions = scored_by_all({model: _unseen(summary) for model, summary in summaries.items()})
         metrics = {
             model: [metric for window, dataset in of_model.items() for metric in score(dataset, window)]
             for model, of_model in predictions.items()
         }
-        useless = [model for model, summary in summaries.items() if summary.verdict.exit_code == MODEL_FAILED]
         content = comparison_of(scenario.name, metrics, passed, useless, backtests, predictions)
         content |= {
             "left_out": others,
@@ -182,6 +159,28 @@ def compare_models(
         write_json(folder / _RESULT, plain(content))
         write_comparison(folder)
         return ComparedModels(folder, summaries, content)
+
+
+def _asked_for(scenario: Scenario, models: Sequence[str] | None) -> list[str]:
+    """The models to compare; None: the usual ones that the scenario can have. Raises RunError."""
+    from ..validation import USUAL, models_of
+
+    known = models_of(scenario)
+    if models is None:
+        models = [model for model in USUAL if model in known]
+    unknown = [model for model in models if model not in known]
+    if unknown or len(set(models)) < 2:
+        raise RunError(f"--models: found {', '.join(unknown or models)}, expected two or more of {', '.join(known)}")
+    return list(models)
+
+
+def _unseen(summary: Summary) -> dict[str, xarray.Dataset]:
+    """Predictions of the windows that a run was not trained on."""
+    from ..prediction import PREDICTION_FILE
+    from ..scenario import is_trained
+
+    predictions = _predictions(summary.run / PREDICTION_FILE)
+    return {window: dataset for window, dataset in predictions.items() if not is_trained(window)}
 
 
 def _predictions(file: Path) -> dict[str, xarray.Dataset]:
