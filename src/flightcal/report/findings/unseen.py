@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -32,6 +32,28 @@ _OF_DUTY = {"inside": "", "beside": ", beside it, as may be by chance", "outside
 """What is added of a duty cycle by where it lies."""
 
 
+@dataclass(frozen=True)
+class _Case:
+    """A channel in a window that was not trained on."""
+
+    window: str
+    channel: str
+    share: float
+    """Of its telemetry inside the interval,"""
+    least: float
+    """and what chance may leave of it."""
+    room: float
+    """Below 0 it does not hold."""
+    how: str
+    """What does not hold, in words; else ""."""
+    words: str
+
+    @property
+    def is_few(self) -> bool:
+        """Whether it holds, though no reader takes its share for that of the interval."""
+        return self.room >= 0.0 and self.share < STRIKING
+
+
 def holding(run: RunFiles) -> Finding:
     """Whether intervals hold on windows that were not trained on, all channels and windows together."""
     judged = holdings(run)
@@ -45,80 +67,110 @@ def holding(run: RunFiles) -> Finding:
     # A plan has nothing to be scored by.
     judged = {name: held for name, held in judged.items() if np.isfinite(held.coverage).any()} or judged
     windows = {name: run.windows[name] for name in judged}
-    failed: dict[str, None] = {}
-    channels: dict[str, None] = {}
-    few: dict[str, tuple[float, str]] = {}
-    worst, lowest, details = ("", "", "", math.inf), (1.0, 1.0), []
-    for name, held in judged.items():
-        window = windows[name]
-        words = []
-        for k, channel in enumerate(map(str, window["channel"].values)):
-            share, lower, upper = held.coverage[k], held.lower[k], held.upper[k]
-            if not np.isfinite(share):
-                continue
-            channels[channel], lowest = None, min(lowest, (share, lower))
-            said = f"{channel} {percent(share)} ({percent(lower)} to {percent(upper)})"
-            if held.room[k] < 0.0:
-                failed[channel] = None
-                how = f"{percent(share)} inside"
-                if held.lasting[k] > held.most_lasting[k]:
-                    when, kelvins = _farthest(window, channel)
-                    how += f", {kelvins} at {when} and {held.lasting[k]:.0f} deviations for five minutes or more"
-                elif held.error[k] > held.most_error[k]:
-                    how += f" and {held.error[k]:.1f} deviations off"
-                worst = min(worst, (name, channel, f"in “{name}”, {how}", held.room[k]), key=lambda item: item[-1])
-                said += f", does not hold: {held.why(k)}; on average {_on_average(window, channel)}"
-            elif share < STRIKING:
-                few[channel] = min(few.get(channel, (1.0, "")), (share, name))
-                said += ", which may be by chance"
-            elif share > upper:
-                said += ", wider than need be"
-            words.append(said)
-        if words:
-            details.append(f"“{name}”: {listed(words)}.")
-        if outside := unseen(window):
-            details.append(f"“{name}”: {outside}")
+    cases = [case for name, held in judged.items() for case in _cases(name, windows[name], held)]
+    details = tuple(_details(windows, cases))
     text = (
         f"Share of the telemetry inside the {run.interval}, and in brackets where the share of a right "
         f"prediction lies: in all channels and windows together with {HELD:.0%} probability. Samples that follow each "
         "other share their errors. Where these are larger than any of a right prediction, it does not hold either."
     )
+    if not cases:
+        over = listed([f"“{name}”" for name in windows])
+        return Finding("none", f"No sample of {over} is scored", text, details, ("unseen windows",))
+    failed = [case for case in cases if case.room < 0.0]
+    few = [case for case in cases if case.is_few]
+    if failed:
+        return _fails(run, judged, cases, failed, few, text, details)
+    if few:
+        case = min(few, key=lambda case: (case.share, case.window))
+        window = windows[case.window]
+        title = (
+            f"Only {percent(case.share)} of {case.channel} in “{case.window}” is inside: too short to tell whether by "
+            f"chance{_outside(window)}"
+        )
+        then = _then(case.window, window, "Add longer windows to test on: windows: {test: {start: ..., end: ...}}")
+        return Finding("warn", title, text, details, tuple(map(temperatures_of, _channels(few))), then)
+    return _holds(windows, cases, f"{text}{_told(list(judged.values()))}", details)
+
+
+def _cases(name: str, window: xr.Dataset, held: Holding) -> Iterator[_Case]:
+    """The channels of a window that are scored."""
+    for k, channel in enumerate(map(str, window["channel"].values)):
+        share, lower, upper = held.coverage[k], held.lower[k], held.upper[k]
+        if not np.isfinite(share):
+            continue
+        words, how = f"{channel} {percent(share)} ({percent(lower)} to {percent(upper)})", ""
+        if held.room[k] < 0.0:
+            how = f"{percent(share)} inside"
+            if held.lasting[k] > held.most_lasting[k]:
+                when, kelvins = _farthest(window, channel)
+                how += f", {kelvins} at {when} and {held.lasting[k]:.0f} deviations for five minutes or more"
+            elif held.error[k] > held.most_error[k]:
+                how += f" and {held.error[k]:.1f} deviations off"
+            words += f", does not hold: {held.why(k)}; on average {_on_average(window, channel)}"
+        elif share < STRIKING:
+            words += ", which may be by chance"
+        elif share > upper:
+            words += ", wider than need be"
+        yield _Case(name, channel, share, lower, held.room[k], how, words)
+
+
+def _details(windows: Mapping[str, xr.Dataset], cases: Sequence[_Case]) -> Iterator[str]:
+    """Every channel of each window, and what of it was not trained on."""
+    for name, window in windows.items():
+        if words := [case.words for case in cases if case.window == name]:
+            yield f"“{name}”: {listed(words)}."
+        if outside := unseen(window):
+            yield f"“{name}”: {outside}"
+
+
+def _channels(cases: Sequence[_Case]) -> list[str]:
+    """Each once."""
+    return list(dict.fromkeys(case.channel for case in cases))
+
+
+def _holds(windows: Mapping[str, xr.Dataset], cases: Sequence[_Case], text: str, details: tuple[str, ...]) -> Finding:
+    """All intervals hold."""
     over = listed([f"“{name}”" for name in windows])
-    if not channels:
-        return Finding("none", f"No sample of {over} is scored", text, tuple(details), ("unseen windows",))
-    if not failed:
-        if not few:
-            text = f"{text}{_told(list(judged.values()))}"
-            title = f"Intervals hold on {over}, in every channel: {percent(lowest[0])} inside or more"
-            if lowest[0] < _FEW:
-                title += f", where chance may leave {percent(lowest[1])}"
-            farthest = max(windows, key=lambda name: unseen_share(windows[name]))
-            title += _outside(windows[farthest], f"“{farthest}”")
-            return Finding("good", title, text, tuple(details))
-        channel, (share, name) = min(few.items(), key=lambda item: item[1])
-        title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
-        title += _outside(windows[name])
-        then = _then(name, windows[name], "Add longer windows to test on: windows: {test: {start: ..., end: ...}}")
-        return Finding("warn", title, text, tuple(details), tuple(map(temperatures_of, few)), then)
-    at, first, how, _ = worst
-    title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {first} {how}"
-    if len(channels) == 1:
-        title = f"Intervals do not hold: {first} {how}"
-    title += _outside(windows[at])
-    doubtful = {channel: item for channel, item in few.items() if channel not in failed}
+    lowest = min(cases, key=lambda case: (case.share, case.least))
+    title = f"Intervals hold on {over}, in every channel: {percent(lowest.share)} inside or more"
+    if lowest.share < _FEW:
+        title += f", where chance may leave {percent(lowest.least)}"
+    farthest = max(windows, key=lambda name: unseen_share(windows[name]))
+    return Finding("good", title + _outside(windows[farthest], f"“{farthest}”"), text, details)
+
+
+def _fails(
+    run: RunFiles,
+    judged: Mapping[str, Holding],
+    cases: Sequence[_Case],
+    failed: Sequence[_Case],
+    few: Sequence[_Case],
+    text: str,
+    details: tuple[str, ...],
+) -> Finding:
+    """Some intervals do not hold."""
+    worst = min(failed, key=lambda case: case.room)
+    window, of_all, fail = run.windows[worst.window], len(_channels(cases)), _channels(failed)
+    how = f"{worst.channel} in “{worst.window}”, {worst.how}"
+    title = f"Intervals do not hold in {len(fail)} of {of_all} channels, worst {how}"
+    if of_all == 1:
+        title = f"Intervals do not hold: {how}"
+    title += _outside(window)
+    doubtful = [case for case in few if case.channel not in fail]
+    others = _channels(doubtful)
     if doubtful:
-        channel, (share, name) = min(doubtful.items(), key=lambda item: item[1])
-        others = f" and {len(doubtful) - 1} more" if len(doubtful) > 1 else ""
-        title += f"; {channel}{others} may not either (only {percent(share)} in “{name}”)"
-    state: State = "bad" if 2 * (len(failed) + len(doubtful)) >= len(channels) else "warn"
-    not_for = tuple(map(temperatures_of, [*failed, *doubtful]))
-    there = windows[at]["channel"].values[judged[at].room < 0.0].tolist()
-    there = sorted(there, key=lambda item: item != first)
-    then = _beside_throughout(at, windows[at], there, _days_after(run, windows[at])) or _for_a_while(windows[at], there)
-    then = _then(at, windows[at], then or CHECK)
-    if state == "bad" and unseen_share(windows[at]) > _OUTSIDE:
+        case = min(doubtful, key=lambda case: (case.share, case.window))
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+        title += f"; {case.channel}{more} may not either (only {percent(case.share)} in “{case.window}”)"
+    state: State = "bad" if 2 * (len(fail) + len(others)) >= of_all else "warn"
+    there = window["channel"].values[judged[worst.window].room < 0.0].tolist()
+    there = sorted(there, key=lambda channel: channel != worst.channel)
+    then = _beside_throughout(worst.window, window, there, _days_after(run, window)) or _for_a_while(window, there)
+    then = _then(worst.window, window, then or CHECK)
+    if state == "bad" and unseen_share(window) > _OUTSIDE:
         then = CHECK
-    return Finding(state, title, text, tuple(details), not_for, then)
+    return Finding(state, title, text, details, tuple(map(temperatures_of, [*fail, *others])), then)
 
 
 def width(run: RunFiles) -> list[Finding]:
