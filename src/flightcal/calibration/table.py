@@ -53,6 +53,11 @@ class Calibrated:
     """Ends of the 95% interval if the scenario's fixed numbers are off; None: not known. See `considered`."""
 
     @property
+    def is_parameter(self) -> bool:
+        """Whether it is a parameter, or its deviation in a window."""
+        return self.kind in ("parameter", "drift")
+
+    @property
     def considered(self) -> tuple[float, float] | None:
         """That interval."""
         if self.considered_lower is None or self.considered_upper is None:

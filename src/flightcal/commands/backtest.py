@@ -114,6 +114,7 @@ def backtest_scenario(
 def _predictions(run: Run, scenario: Scenario, data: Any, plan: Plan) -> dict[str, Any]:
     """The prediction from each origin, by its label; says after each how long the others will take."""
     from ..validation import origin_settings, origin_stage
+    from ..words import minute
 
     count = len(plan.origins)
     run.progress.say(
@@ -124,7 +125,7 @@ def _predictions(run: Run, scenario: Scenario, data: Any, plan: Plan) -> dict[st
         run.progress.say(f"no origin from {line}")
     predictions, taken = {}, []
     for k, origin in enumerate(plan.origins):
-        title = f"origin {k + 1} of {count}, {str(origin.time)[:16].replace('T', ' ')}"
+        title = f"origin {k + 1} of {count}, {minute(origin.time)}"
         stage, settings = origin_stage(scenario, origin, title), origin_settings(scenario, origin)
         started = perf_counter()
         predictions[origin.label] = run.stage(stage, data, **settings)

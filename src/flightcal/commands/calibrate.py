@@ -57,7 +57,7 @@ class Summary:
 
         told = (f"{answer.question} {answer.worst.mark}: {answer.worst.title}" for answer in self.verdict.answers)
         answers = (f"<li>{escape(line)}</li>" for line in told)
-        shown = [quantity for quantity in self.parameters if quantity.kind in ("parameter", "drift")]
+        shown = [quantity for quantity in self.parameters if quantity.is_parameter]
         return f"<p><b>{escape(self.verdict.use)}</b></p><ul>{''.join(answers)}</ul>{html_table(shown)}"
 
     @property

@@ -14,6 +14,7 @@ from ..calibration import BEST_FIT_FILE, CALIBRATED_FILE, RESULTS_FILE, TABLE_FI
 from ..errors import RunError
 from ..prediction import Metric
 from ..run import check_whole, read_json, read_provenance, read_records, typed
+from ..words import moment
 from .printing import table_of
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class FinishedRun:
     def title(self) -> str:
         """Which run it is."""
         name, made = self.scenario.get("name", ""), self.provenance
-        created = str(made.get("created", ""))[:19].replace("T", " ")
+        created = moment(made.get("created"))
         return f"{name}, run {str(made.get('identity', ''))[:12]} of {created} UTC, flightcal {made.get('flightcal')}"
 
 
@@ -97,7 +98,7 @@ def read_finished(folder: Path) -> FinishedRun:
 
 def chosen(parameters: Sequence[Calibrated], every: bool) -> list[Calibrated]:
     """What a table has: the scenario's parameters, or every quantity."""
-    return [quantity for quantity in parameters if every or quantity.kind in ("parameter", "drift")]
+    return [quantity for quantity in parameters if every or quantity.is_parameter]
 
 
 def parameter_table(parameters: Sequence[Calibrated], console: Console) -> Table:

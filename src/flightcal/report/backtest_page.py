@@ -12,7 +12,7 @@ from ..errors import RunError
 from ..prediction import HELD
 from ..run import read_tree, write_text
 from ..validation import ALL, ahead
-from ..words import count, duration, listed, moment, number, percent
+from ..words import count, duration, listed, minute, number, percent
 from . import block
 from .block import Block, Section
 from .findings import Finding
@@ -81,14 +81,14 @@ def findings(content: Record) -> list[Finding]:
     found = [_held(content), _inputs(content)]
     failed = [origin for origin in content["origins"] if not origin["passed"]]
     if failed:
-        details = tuple(f"{_moment(failure['origin'])}: {failure['failed_gates']}" for failure in failed)
+        details = tuple(f"{minute(failure['origin'])}: {failure['failed_gates']}" for failure in failed)
         title = f"The sampling failed a gate before {len(failed)} of {len(content['origins'])} origins"
         found.append(Finding("warn", title, "Scores of these origins stand among the others.", details))
     bent = [origin for origin in content["origins"] if origin["passed"] and origin["failed_gates"]]
     if bent:
         title = f"The response to heat is not linear before {len(bent)} of {len(content['origins'])} origins"
         text = "Take no parameters from these. What is predicted is simulated with its heat, and judged all the same."
-        found.append(Finding("warn", title, text, tuple(_moment(bend["origin"]) for bend in bent)))
+        found.append(Finding("warn", title, text, tuple(minute(bend["origin"]) for bend in bent)))
     if content["skipped"]:
         text = "The telemetry there does not carry a training and an orbit after it."
         found.append(Finding("warn", "No origin in parts of the telemetry", text, tuple(content["skipped"])))
@@ -104,13 +104,13 @@ def _held(content: Record) -> Finding:
     share = percent(content["interval"], 0)
     least = f"of a right prediction {percent(worst['lower'])} or more"
     text = (
-        f"Worst: {worst['channel']} after {_moment(worst['time'])}, with {percent(worst['coverage'])} of "
+        f"Worst: {worst['channel']} after {minute(worst['time'])}, with {percent(worst['coverage'])} of "
         f"its telemetry inside the {share} interval, {worst['why'] or least}. All "
         f"together: {percent(whole['coverage'])} ± {percent(whole['coverage_error'])} inside, RMSE "
         f"{number(whole['rmse'], 3)} K, CRPS {number(whole['crps'], 3)} K, interval {number(whole['width'], 3)} K wide."
     )
     details = [
-        f"{_moment(origin['origin'])}: {listed(_below(origin, content['channels']))}."
+        f"{minute(origin['origin'])}: {listed(_below(origin, content['channels']))}."
         for origin in origins
         if not origin["holds"]
     ]
@@ -188,7 +188,7 @@ def figure_hold(
             title_text="orbits since the origin", title_font_size=11, showticklabels=True, row=len(channels), col=c + 1
         )
         figure.add_annotation(
-            text=f"<b>{_moment(origin['origin'])}</b>", x=0.5, xref=f"x{c + 1 if c else ''} domain", y=1, yref="paper",
+            text=f"<b>{minute(origin['origin'])}</b>", x=0.5, xref=f"x{c + 1 if c else ''} domain", y=1, yref="paper",
             yanchor="bottom", yshift=20, showarrow=False, font={"size": 12, "color": TEXT},
         )  # fmt: skip
     for r, channel in enumerate(channels):
@@ -256,8 +256,8 @@ def _draw(
 def _origins(content: Record) -> Table:
     rows = [
         [
-            _moment(origin["origin"]),
-            _moment(origin["predicted_to"]),
+            minute(origin["origin"]),
+            minute(origin["predicted_to"]),
             Cell("✓ held", "good") if origin["holds"] else Cell("✕ did not hold", "bad"),
             origin["worst"] or "–",
             *_range(origin),
@@ -354,7 +354,7 @@ def _scores(content: Record) -> list[Block]:
     numbers = range(1, len(_SCORES) + 1)
     rows = [_row(content, ALL, channel, ALL, channel) for channel in [*content["channels"], ALL]]
     by_origin = [
-        _row(content, origin["name"], channel, ALL, f"{_moment(origin['origin'])}, {channel}")
+        _row(content, origin["name"], channel, ALL, f"{minute(origin['origin'])}, {channel}")
         for origin in content["origins"]
         for channel in [*content["channels"], ALL]
     ]
@@ -385,7 +385,7 @@ def _row(content: Record, origin: str, channel: str, band: str, title: str) -> l
 
 def _heaters(content: Record) -> list[Block]:
     hits = sum(duty["hit"] for duty in content["duty"])
-    moments = {origin["name"]: _moment(origin["origin"]) for origin in content["origins"]}
+    moments = {origin["name"]: minute(origin["origin"]) for origin in content["origins"]}
     rows = [
         [
             moments[duty["origin"]], duty["heater"], percent(duty["measured"]), percent(duty["mean"]),
@@ -409,10 +409,6 @@ def _heaters(content: Record) -> list[Block]:
 def _record(content: Record, origin: str, channel: str, band: str) -> Record:
     wanted = (origin, channel, band)
     return next(score for score in content["scores"] if (score["origin"], score["channel"], score["band"]) == wanted)
-
-
-def _moment(text: str) -> str:
-    return moment(text)[:16]
 
 
 def _value(value: float | None) -> float:

@@ -12,6 +12,7 @@ from .text import (
     labelled,
     letter,
     listed,
+    minute,
     moment,
     number,
     percent,

@@ -98,6 +98,11 @@ def moment(text: object) -> str:
     return str(text).replace("T", " ")[:19] if text else "–"
 
 
+def minute(text: object) -> str:
+    """The same to the minute."""
+    return moment(text)[:16]
+
+
 def chance(p_value: float) -> str:
     """``p = 0.031``"""
     return "p < 0.0001" if p_value < 1e-4 else f"p = {number(p_value, 2)}"

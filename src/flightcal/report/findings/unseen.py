@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...prediction import AGES, HELD, Holding
-from ...words import listed, moment, number, percent
+from ...words import listed, minute, number, percent
 from ..panels.duty import CLOSED, duties
 from ..panels.parameters import shortened
 from ..panels.picture import holdings, wide_intervals
@@ -235,7 +235,7 @@ def _width(window: xr.Dataset, channel: str) -> NDArray[np.float64]:
 
 def _minute(window: xr.Dataset, k: int) -> str:
     """When a sample of a window is, UTC."""
-    return moment(window["time"].values[k])[:16]
+    return minute(window["time"].values[k])
 
 
 def _on_average(window: xr.Dataset, channel: str) -> str:

@@ -12,7 +12,6 @@ from ..block import Block, section
 from ..run_files import RunFiles
 from ..tables import Cell, Table
 
-SHOWN = ("parameter", "drift")
 MOST_ROWS = 16
 """Rows that the first screen has; more are folded."""
 LITTLE = 0.2
@@ -29,7 +28,7 @@ _MOVED = "moved, as wide"
 @section("calibrated", "Parameters")
 def panel(run: RunFiles) -> list[Block]:
     """Before, after, interval, unit, and how much is the telemetry's word."""
-    rows = [quantity for quantity in run.calibrated if quantity.kind in SHOWN]
+    rows = [quantity for quantity in run.calibrated if quantity.is_parameter]
     if not rows:
         why = "has no parameters" if run.calibrated else "has no calibrated numbers: it did not finish"
         return [block.note(f"The run {why}.")]
@@ -66,19 +65,8 @@ def panel(run: RunFiles) -> list[Block]:
 def simulated_alone(errors: Sequence[SimulatorError]) -> Table:
     """What the numbers are worth in windows that were not trained on: a row for each."""
     rows = [
-        [
-            simulator_error.window,
-            *(
-                number(value, 3)
-                for value in (
-                    simulator_error.before,
-                    simulator_error.predicted,
-                    simulator_error.calibrated,
-                    simulator_error.best_fit,
-                )
-            ),
-        ]
-        for simulator_error in errors
+        [error.window, *(number(k, 3) for k in (error.before, error.predicted, error.calibrated, error.best_fit))]
+        for error in errors
     ]
     return Table(("RMSE, K", "before", "this run", "calibrated.yaml alone", "best_fit.yaml alone"), rows, (1, 2, 3, 4))
 
