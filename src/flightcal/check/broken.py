@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..scenario import ICE_POINT
 from ..simulator import FloatArray
+from ..telemetry import spells
 from ..words import moment, number
 from .samples import noise_of, step_of
 
@@ -109,8 +110,7 @@ def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, mo
     if len(values) < _STUCK:
         return None
     for extreme, word in ((values.max(), "above"), (values.min(), "below")):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (values == extreme).astype(int), [0]])))
-        first, last = edges[::2], edges[1::2]
+        first, last = spells(values == extreme).T
         after = np.minimum(last, len(values) - 1)
         rise, before = _motion(values, first - 1, -_SLOPE, last - first)
         fall, later = _motion(values, after, _SLOPE, last - first)
@@ -351,8 +351,7 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     best = (0, 0, 0, 0)  # changes, lag, first, last
     for lag in _lags(values, moves):
         same = values[lag:] == values[:-lag]
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
+        for first, last in spells(same):
             count = int(moves[lag + first : lag + last].sum())
             if count > best[0]:
                 best = (count, lag, lag + int(first), lag + int(last))
@@ -399,9 +398,9 @@ def _lags(values: FloatArray, moves: NDArray[np.bool_]) -> list[int]:
 
 def _leave_out(channel: str, times: NDArray[np.datetime64], useless: NDArray[np.bool_]) -> str:
     """Advice to leave samples out of a channel's at times [T]; half a sample longer, for a mean is of such a time."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], useless.astype(int), [0]]))).reshape(-1, 2)
+    first, end = spells(useless).T
     half = np.median(np.diff(times)) // 2
-    ends = (np.datetime_as_string([times[first] - half, times[end - 1] + half], unit="ms") for first, end in edges)
+    ends = np.datetime_as_string(np.stack([times[first] - half, times[end - 1] + half], axis=1), unit="ms")
     texts = (tuple(str(name).removesuffix(".000") for name in pair) for pair in ends)
     spans = ", ".join(f"{{start: {start}, end: {end}}}" for start, end in texts)
     return f"Leave it out: 'leave_out: [{spans}]' of {channel} in 'telemetry: channels'"

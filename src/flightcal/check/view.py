@@ -15,6 +15,7 @@ from ..probability import CENTRAL
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Heat, HeatPattern, HeatSlow, settable
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
+from ..telemetry import spells
 from .comparison import INFERRED, Comparison, Rows, Thermostat, rows_of, thermostats
 from .sunlight import Sunlight
 
@@ -259,8 +260,7 @@ class View(Comparison):
     def _heat_in_gaps(self, window: Window, z: FloatArray, switch: int, heater: str) -> FloatArray:
         """[R, k] K of a heater's heat where its status has gaps, each in short pieces. Raises SimulationFailure."""
         block, drive = self.window.scenario.network.heaters[heater], self.network.drive
-        unknown = np.isnan(drive.measured[:, switch]).astype(int)
-        gaps = drive.times[np.flatnonzero(np.diff(unknown, prepend=0, append=0))].reshape(-1, 2)
+        gaps = drive.times[spells(np.isnan(drive.measured[:, switch]))]
         if block.node not in self.heat.nodes or not len(gaps):
             return np.empty((self.begun.shape[0], 0))
         edges = [np.linspace(first, last, int(np.ceil((last - first) / _PIECE)) + 1) for first, last in gaps]
