@@ -20,7 +20,7 @@ from ..simulator import FloatArray
 from ..words import number
 from .comparison import Comparison, Rows, rows_of
 from .evidence import Fit, Gaussian, gaussian
-from .suspicion import CLEAR
+from .suspicion import CLEAR, Suspicion
 from .view import WIDENED, Point
 from .wrongs import COLDEST, HOTTEST, SHIFT, SHIFTS, Words, Wrong, clocks_as_read, wrongs_of_channels
 
@@ -295,8 +295,8 @@ def _is_nearer(ensemble: Ensemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool
     return wrong.leaves_less(left, before, ensemble.observed)
 
 
-def told_by_status(ensemble: Ensemble) -> Iterator[tuple[str, str, Words]]:
-    """Kind, channel and words of a status that says on where the simulator says off, and of heaters that never switch.
+def told_by_status(ensemble: Ensemble) -> Iterator[Suspicion]:
+    """A status that says on where the simulator says off, and heaters that never switch there.
 
     By how often a heater is on, and by what warms meanwhile.
     """
@@ -313,16 +313,14 @@ def told_by_status(ensemble: Ensemble) -> Iterator[tuple[str, str, Words]]:
         often = f"{channel} says that {heater} is on for {100.0 * measured:.0f}% of the time"
         if np.ptp(of_draws) == 0.0:
             never = "never" if of_draws[0, 0] == 0.0 else "always"
-            yield (
+            yield Suspicion(
                 "heater",
                 heater,
-                Words(
-                    f"{heater} is {never} on in the simulator",
-                    f"{often}; in none of {len(of_draws)} simulations at draws of the prior it switches.",
-                    f"Check {heater} in the simulator's own files: whether it is there, its thresholds, its sensor; "
-                    f"and what else {'keeps its node warm' if never == 'never' else 'cools its node'} there: priors, "
-                    "powers, sunlight",
-                ),
+                f"{heater} is {never} on in the simulator",
+                f"{often}; in none of {len(of_draws)} simulations at draws of the prior it switches.",
+                f"Check {heater} in the simulator's own files: whether it is there, its thresholds, its sensor; "
+                f"and what else {'keeps its node warm' if never == 'never' else 'cools its node'} there: priors, "
+                "powers, sunlight",
             )
             continue
         nats = _less_likely(measured, 1.0 - measured, simulated, _DUTY)
@@ -331,20 +329,17 @@ def told_by_status(ensemble: Ensemble) -> Iterator[tuple[str, str, Words]]:
         if np.isfinite(warms):
             nats += _less_likely(warms, -warms, ensemble.follows[[k], shows], _MOVES)
         if nats > CLEAR:
-            yield (
+            yield Suspicion(
                 "status inverted",
                 channel,
-                Words(
-                    f"{channel} is inverted",
-                    f"{often}, the simulator for {100.0 * float(simulated.mean()):.0f}%; {ensemble.channels[shows]} "
-                    "warms while it says off.",
-                    f"Correct {window.scenario.telemetry.channels[channel].says_on} of {channel} in 'telemetry: "
-                    "channels'",
-                ),
+                f"{channel} is inverted",
+                f"{often}, the simulator for {100.0 * float(simulated.mean()):.0f}%; {ensemble.channels[shows]} "
+                "warms while it says off.",
+                f"Correct {window.scenario.telemetry.channels[channel].says_on} of {channel} in 'telemetry: channels'",
             )
 
 
-def no_temperatures(ensemble: Ensemble) -> Iterator[tuple[str, Words]]:
+def no_temperatures(ensemble: Ensemble) -> Iterator[Suspicion]:
     """Channels that read, or for which the simulator says, what no satellite has: another unit, by their middle."""
     observations = ensemble.window.scenario.observations
     for k, channel in enumerate(ensemble.channels):
@@ -358,13 +353,12 @@ def no_temperatures(ensemble: Ensemble) -> Iterator[tuple[str, Words]]:
                 continue
             middle = float(np.median(valid)) - ICE_POINT
             unit = "kelvin, and is read as degC" if COLDEST < middle < HOTTEST else "another unit"
-            yield (
+            yield Suspicion(
+                "unit",
                 channel,
-                Words(
-                    f"{name} is in {unit}",
-                    f"It is {number(middle, 3)} degC in the middle.",
-                    f"Correct 'unit' of {output if values.ndim > 1 else channel} {where}",
-                ),
+                f"{name} is in {unit}",
+                f"It is {number(middle, 3)} degC in the middle.",
+                f"Correct 'unit' of {output if values.ndim > 1 else channel} {where}",
             )
 
 

@@ -285,12 +285,12 @@ def units(view: Comparison) -> Iterator[Wrong]:
             yield Wrong("unit", who, words, read, scale=scale, tries=len(_UNITS) * len(view.channels))
 
 
-def in_other_units(channel: str, read: FloatArray) -> Iterator[tuple[FloatArray, Words]]:
-    """Readings [T] K of a channel as they would be in another unit, the usual ones first, with words."""
+def in_other_units(channel: str, read: FloatArray) -> Iterator[tuple[FloatArray, Wrong]]:
+    """Readings [T] K of a channel as they would be in another unit, the usual ones first, with what was then wrong."""
     for change, _, how in _UNITS.values():
         changed = change(read)
         if np.isfinite(read).any() and _are_of_a_satellite(changed):
-            yield changed, _in_unit(channel, how, read, changed)
+            yield changed, Wrong("unit", channel, _in_unit(channel, how, read, changed))
 
 
 def _are_of_a_satellite(read: FloatArray) -> bool:
