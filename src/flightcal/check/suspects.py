@@ -22,7 +22,7 @@ from ..run import Run, Stage, plain, read_json, typed
 from ..scenario import Scenario
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import select_window
-from .black_box import Ensemble, compared_by_runs, ensemble_of, no_temperatures, told_by_status
+from .black_box import PriorEnsemble, compared_by_runs, ensemble_of, no_temperatures, told_by_status
 from .broken import Broken, broken, stuck_throughout
 from .comparison import known_thermostats
 from .evaluate import PriorRuns
@@ -163,7 +163,7 @@ def _known(data: xarray.Dataset, times: NDArray[np.datetime64], seen: list[Broke
     return data
 
 
-def _ensemble(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns) -> Ensemble:
+def _ensemble(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns) -> PriorEnsemble:
     """Simulations of a simulator that is run and not looked into. Raises SimulationFailure where too few finish."""
     ensemble = ensemble_of(problem, telemetry, prior_runs.thetas, prior_runs.runs)
     if ensemble is None:
@@ -252,7 +252,7 @@ def _beside_the_unrelated(view: View, likely: Sequence[Suspicion], progress: Pro
     return [suspicion for suspicion in better if (suspicion.kind, suspicion.about) not in known]
 
 
-def _beside_runs(ensemble: Ensemble, found: list[Suspicion]) -> Suspects:
+def _beside_runs(ensemble: PriorEnsemble, found: list[Suspicion]) -> Suspects:
     """What was found, and what explains the telemetry of a simulator that is run and not looked into."""
     strange = list(no_temperatures(ensemble))
     if strange or not np.isfinite(ensemble.observed).any():

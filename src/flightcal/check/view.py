@@ -16,7 +16,7 @@ from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, re
 from ..scenario import Heat, HeatPattern, HeatSlow, settable
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
 from ..telemetry import spells
-from .comparison import INFERRED, Comparison, Rows, Thermostat, rows_of, thermostats
+from .comparison import INFERRED, ComparedWindow, Rows, Thermostat, rows_of, thermostats
 from .sunlight import Sunlight
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
@@ -68,7 +68,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class View(Comparison):
+class View(ComparedWindow):
     """One window of a scenario, and its telemetry as rows."""
 
     problem: Problem
