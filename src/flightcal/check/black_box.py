@@ -18,10 +18,10 @@ from ..problem import Problem, Runs, Window, initial_priors
 from ..scenario import ICE_POINT
 from ..simulator import FloatArray
 from ..words import number
-from .comparison import ComparedWindow, Rows, rows_of
+from .compared_window import ComparedWindow, Rows, rows_of
 from .evidence import Fit, Gaussian, gaussian
+from .network_view import WIDENED, Point
 from .suspicion import CLEAR, Suspicion
-from .view import WIDENED, Point
 from .wrongs import COLDEST, HOTTEST, SHIFT, SHIFTS, Words, Wrong, clocks_as_read, wrongs_of_channels
 
 _LEAST = 8

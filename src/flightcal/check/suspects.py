@@ -24,15 +24,15 @@ from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import select_window
 from .black_box import PriorEnsemble, compared_by_runs, ensemble_of, no_temperatures, told_by_status
 from .broken import Broken, broken, stuck_throughout
-from .comparison import known_thermostats
+from .compared_window import known_thermostats
 from .evaluate import PriorRuns
 from .evidence import Fit, climbed
 from .jumps import Jump, in_turns, in_words, jumps
 from .misfit import misfit
+from .network_view import View
 from .prepared import prepared
 from .suspicion import BAD, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
 from .thermostat import copied, disobeyed, exchanged, inferred, unfollowed
-from .view import View
 from .white_box import OF_THERMOSTATS, compared
 from .wrongs import in_other_units
 

@@ -13,7 +13,7 @@ from ..problem import Window, pinned_heaters
 from ..scenario import ICE_POINT, Scenario, SimulatorModel
 from ..simulator import FloatArray
 from ..words import number
-from .comparison import known_thermostats
+from .compared_window import known_thermostats
 from .samples import noise_of
 from .suspicion import Suspicion
 

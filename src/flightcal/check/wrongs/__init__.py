@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 from ...simulator import SimulationFailure
-from ..comparison import ComparedWindow
-from ..view import View
+from ..compared_window import ComparedWindow
+from ..network_view import View
 from . import attitude, channels, clocks, drivers, faces, heat, heaters, lacking, orbit, slow, timeline, written
 from .channels import COLDEST, HOTTEST, in_other_units
 from .clocks import clocks_as_read

@@ -11,9 +11,9 @@ import numpy as np
 from ...scenario import ICE_POINT, Scenario, SimulatorModel
 from ...simulator import FloatArray
 from ...words import listed, number
-from ..comparison import ComparedWindow
+from ..compared_window import ComparedWindow
 from ..evidence import Fit, Scale
-from ..view import Moved, View
+from ..network_view import Moved, View
 from .wrong import Kind, Words, Wrong
 
 _BIASES = ((8.0, 0.8), (40.0, 0.2))

@@ -15,9 +15,9 @@ from ...problem import Window, pinned_nodes
 from ...scenario import SpinningAttitude
 from ...simulator import FloatArray
 from ...words import listed, number
-from ..comparison import ComparedWindow
+from ..compared_window import ComparedWindow
+from ..network_view import View
 from ..sunlight import FINE, REACH, ZONES
-from ..view import View
 from .wrong import (
     SHIFT,
     SHIFTS,

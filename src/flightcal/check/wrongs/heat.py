@@ -16,7 +16,7 @@ from ...simulator import FloatArray
 from ...telemetry import spells, status_or_unknown
 from ...words import listed, number
 from ..evidence import Fit
-from ..view import View, pieces
+from ..network_view import View, pieces
 from .wrong import LACKED, PIECES, SHIFTS, Words, Wrong, driven_otherwise, flow_through, minutes, off, status_channels
 
 _ALL_THE_TIME = (0.25, 0.5, 1.0, 2.0, 4.0)

@@ -16,7 +16,7 @@ from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, re
 from ..scenario import Heat, HeatPattern, HeatSlow, settable
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
 from ..telemetry import spells
-from .comparison import INFERRED, ComparedWindow, Rows, Thermostat, rows_of, thermostats
+from .compared_window import INFERRED, ComparedWindow, Rows, Thermostat, rows_of, thermostats
 from .sunlight import Sunlight
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
