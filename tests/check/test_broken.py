@@ -36,8 +36,8 @@ def test_a_sensor_that_shows_one_number_in_all_of_another_window_is_stuck():
     flat = np.full(200, 290.0)
     flat[50] = np.nan
     found = stuck_throughout("body_temp", TIMES, flat, telemetry())
-    assert (found.kind, found.useless.sum()) == ("stuck", 199)
-    assert "in all 199 samples" in found.sentence
+    assert (found.suspicion.kind, found.useless.sum()) == ("stuck", 199)
+    assert "in all 199 samples" in found.suspicion.sentence
     assert stuck_throughout("body_temp", TIMES, telemetry(seed=1), telemetry()) is None
     # A node that hardly moves, or is seen too seldom, rests.
     assert stuck_throughout("body_temp", TIMES, flat, 290.0 + 0.05 * (telemetry() - 290.0)) is None
@@ -79,8 +79,8 @@ def test_a_stuck_sensor_is_told_by_what_the_model_does_meanwhile():
     values = telemetry()
     values[100:] = values[100]
     own = found(values)
-    assert own.kind == "stuck"
-    assert "from 2024-03-01 01:40:00 UTC" in own.sentence
+    assert own.suspicion.kind == "stuck"
+    assert "from 2024-03-01 01:40:00 UTC" in own.suspicion.sentence
     assert own.useless[101:].all()
     assert found(values, np.full(200, 290.0)) is None
 
@@ -93,8 +93,8 @@ def test_a_sensor_that_is_stuck_again_and_again_is_told_with_all_stretches():
         values[part] = values[part.start]
     values[178] = telemetry()[178]
     own = found(values)
-    assert own.title == "body_temp is stuck again and again"
-    assert own.sentence.startswith("3 times it reads one number for 33 samples or more, the first")
+    assert own.suspicion.title == "body_temp is stuck again and again"
+    assert own.suspicion.sentence.startswith("3 times it reads one number for 33 samples or more, the first")
     assert all(own.useless[part.start : part.stop - 2].all() for part in stretches)
     assert own.useless.sum() < 110
     assert found(values, np.full(200, 290.0)) is None
@@ -106,8 +106,8 @@ def test_a_stuck_sensor_is_told_by_where_it_goes_on():
     assert found(values, np.full(200, np.nan)) is None
     values[32:] += 6.0
     own = found(values, np.full(200, np.nan))
-    assert own.kind == "stuck"
-    assert "in 12 samples" in own.sentence
+    assert own.suspicion.kind == "stuck"
+    assert "in 12 samples" in own.suspicion.sentence
     assert own.useless.sum() >= 11
 
 
@@ -120,8 +120,8 @@ def test_without_a_model_a_stuck_sensor_is_told_by_how_it_moves_elsewhere(part):
     values = telemetry()
     values[part] = values[part.start]
     own = found(values, UNKNOWN)
-    assert own.kind == "stuck"
-    assert "its other samples move by" in own.sentence
+    assert own.suspicion.kind == "stuck"
+    assert "its other samples move by" in own.suspicion.sentence
     assert own.useless[part.start + 1 : part.stop].all()
 
 
@@ -146,29 +146,29 @@ def test_without_a_model_means_of_coarse_readings_that_come_to_rest_are_not_stuc
 
 
 def test_a_sensor_that_is_stuck_throughout_is_told():
-    assert found(np.full(200, 290.0)).sentence.count("throughout") == 1
+    assert found(np.full(200, 290.0)).suspicion.sentence.count("throughout") == 1
 
 
 def test_a_copied_block_is_told_with_its_lag():
     values = telemetry()
     values[90:160] = values[20:90]
     own = found(values)
-    assert own.kind == "repeating"
-    assert "those of 70 samples before" in own.sentence
+    assert own.suspicion.kind == "repeating"
+    assert "those of 70 samples before" in own.suspicion.sentence
     assert own.useless[90:160].all()
 
 
 def test_a_held_reading_is_told_with_its_stride():
     own = found(telemetry()[np.arange(200) // 8 * 8])
-    assert (own.kind, "8 samples" in own.title) == ("held", True)
+    assert (own.suspicion.kind, "8 samples" in own.suspicion.title) == ("held", True)
 
 
 def test_a_spike_is_told_with_its_time_and_left_out():
     values = telemetry()
     values[57] += 40.0
     own = found(values)
-    assert own.kind == "spike"
-    assert "2024-03-01 00:57:00 UTC" in own.sentence
+    assert own.suspicion.kind == "spike"
+    assert "2024-03-01 00:57:00 UTC" in own.suspicion.sentence
     assert np.flatnonzero(own.useless).tolist() == [57]
 
 
@@ -177,7 +177,7 @@ def test_spikes_that_come_now_and_then_are_told_from_noise():
     hit = [17, 57, 80, 121, 160]
     values[hit] += 25.0 + np.arange(5)
     own = found(values)
-    assert (own.kind, own.title) == ("spike", "body_temp has 5 spikes")
+    assert (own.suspicion.kind, own.suspicion.title) == ("spike", "body_temp has 5 spikes")
     assert np.flatnonzero(own.useless).tolist() == hit
 
 
@@ -188,10 +188,10 @@ def test_a_sensor_that_is_broken_for_a_time_is_told_with_what_leaves_that_time_o
     copied[90:160] = copied[20:90]
     for values in (stuck, spike, copied):
         own = found(values)
-        text, _, place = own.advice.removeprefix("Leave it out: '").partition("' of ")
+        text, _, place = own.suspicion.advice.removeprefix("Leave it out: '").partition("' of ")
         assert place == "body_temp in 'telemetry: channels'"
         written = TypeAdapter(tuple[Span, ...]).validate_python(YAML(typ="safe").load(text)["leave_out"])
-        assert len(written) == (2 if own.kind == "spike" else 1)
+        assert len(written) == (2 if own.suspicion.kind == "spike" else 1)
         within = [(np.datetime64(span.start) <= TIMES) & (np.datetime64(span.end) >= TIMES) for span in written]
         np.testing.assert_array_equal(np.any(within, axis=0), own.useless)
 
@@ -202,13 +202,13 @@ def test_the_last_sample_before_a_gap_is_no_spike():
     unknown = np.full(100, np.nan)
     after = TIMES[0] + np.concatenate([np.arange(20), 200 + np.arange(80)]) * np.timedelta64(60, "s")
     assert broken("array_temp", after, values, unknown) is None
-    assert broken("array_temp", TIMES[:100], values, unknown).kind == "spike"
+    assert broken("array_temp", TIMES[:100], values, unknown).suspicion.kind == "spike"
 
 
 def test_a_peak_that_the_model_has_too_is_no_spike():
     peak = 290.0 + 20.0 * np.exp(-2.0 * np.abs(np.arange(200) - 77))
     assert broken("array_temp", TIMES, peak, peak - 3.0) is None
-    assert broken("array_temp", TIMES, peak, MODELLED).kind == "spike"
+    assert broken("array_temp", TIMES, peak, MODELLED).suspicion.kind == "spike"
 
 
 def test_a_number_that_stands_for_no_reading_is_told_though_it_comes_often():
@@ -216,17 +216,17 @@ def test_a_number_that_stands_for_no_reading_is_told_though_it_comes_often():
     lost = np.random.default_rng(1).choice(200, 12, replace=False)
     values[lost] = 213.15
     own = found(values)
-    assert own.kind == "filled"
-    assert "−60.00 degC comes 12 times" in own.sentence
+    assert own.suspicion.kind == "filled"
+    assert "−60.00 degC comes 12 times" in own.suspicion.sentence
     assert sorted(np.flatnonzero(own.useless).tolist()) == sorted(lost.tolist())
 
 
 def test_readings_that_stop_at_the_end_of_a_range_are_told_with_it():
     own = found(np.minimum(telemetry(), 294.0))
-    assert (own.kind, own.title) == ("clipped", "body_temp shows nothing above 20.85 degC")
+    assert (own.suspicion.kind, own.suspicion.title) == ("clipped", "body_temp shows nothing above 20.85 degC")
     assert own.useless.sum() > 50
     low = found(np.maximum(telemetry(), 286.0))
-    assert (low.kind, "below" in low.title) == ("clipped", True)
+    assert (low.suspicion.kind, "below" in low.suspicion.title) == ("clipped", True)
 
 
 def test_readings_that_stop_at_the_windows_ends_are_clipped_too():
@@ -234,7 +234,7 @@ def test_readings_that_stop_at_the_windows_ends_are_clipped_too():
     values = np.minimum(np.round(swing / 0.1) * 0.1, 294.0)
     assert values[0] == values[-1] == 294.0
     own = found(values, swing)
-    assert (own.kind, int(own.useless.sum())) == ("clipped", int((values == 294.0).sum()))
+    assert (own.suspicion.kind, int(own.useless.sum())) == ("clipped", int((values == 294.0).sum()))
     assert found(np.round(swing / 0.1) * 0.1, swing) is None
 
 
@@ -244,7 +244,7 @@ def test_short_peaks_that_rise_fast_and_fall_slowly_are_clipped_where_the_model_
     noise = 0.05 * np.random.default_rng(0).standard_normal(200)
     read = np.round((peaks + noise) / 0.1) * 0.1
     own = found(np.minimum(read, 292.0), peaks)
-    assert (own.kind, own.title) == ("clipped", "body_temp shows nothing above 18.85 degC")
+    assert (own.suspicion.kind, own.suspicion.title) == ("clipped", "body_temp shows nothing above 18.85 degC")
     assert found(read, peaks) is None
     # A model that is half as large again is no sensor that stops.
     assert found(read, 288.0 + 1.5 * (peaks - 288.0)) is None

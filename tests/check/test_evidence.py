@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightcal.check.evidence import Gaussian, Scale
-from flightcal.check.view import Point
+from flightcal.check.network_view import Point
 
 
 @pytest.mark.parametrize("diverged", [1e200, np.inf, np.nan])

@@ -44,9 +44,9 @@ def test_what_the_model_does_too_is_no_jump():
 def test_a_sensor_that_changes_is_named_alone():
     values = telemetry()
     values[100:, 0] += 9.0
-    ((kind, about, words),) = in_words(found(values))
-    assert (kind, about) == ("jump", "panel_temp")
-    assert "At 2024-03-01 01:40:00 UTC it goes by 9" in words.sentence
+    (own,) = in_words(found(values))
+    assert (own.kind, own.about) == ("jump", "panel_temp")
+    assert "At 2024-03-01 01:40:00 UTC it goes by 9" in own.sentence
 
 
 def test_each_sensor_that_changes_is_named_with_its_own_jumps():
@@ -54,7 +54,7 @@ def test_each_sensor_that_changes_is_named_with_its_own_jumps():
     values[100:, 0] += 9.0
     values[40:, 1] += 5.0
     values[150:, 1] += 6.0
-    told = {about: words.sentence for _, about, words in in_words(found(values))}
+    told = {own.about: own.sentence for own in in_words(found(values))}
     assert set(told) == set(NAMES)
     assert "other moment" not in told["panel_temp"]
     assert "at 1 other moment." in told["body_temp"]
@@ -64,9 +64,9 @@ def test_channels_that_jump_at_once_are_a_matter_of_time():
     """The slow one by little."""
     values = telemetry()
     values[100:] = values[40:140]
-    ((kind, about, words),) = in_words(found(values))
-    assert (kind, about) == ("order", "time")
-    assert "panel_temp and body_temp jump at once" in words.sentence
+    (own,) = in_words(found(values))
+    assert (own.kind, own.about) == ("order", "time")
+    assert "panel_temp and body_temp jump at once" in own.sentence
 
 
 def test_channels_of_packets_with_times_of_their_own_jump_all_the_same():
@@ -103,8 +103,8 @@ def of_two_satellites(apart):
 def test_rows_of_two_satellites_that_take_turns_are_named():
     values, modelled = of_two_satellites(apart=40)
     assert in_turns(NAMES, values, modelled) == ["panel_temp", "body_temp"]
-    ((kind, about, words),) = in_words([], in_turns(NAMES, values, modelled))
-    assert (kind, about, words.title) == ("order", "rows", "Rows of two sources take turns")
+    (own,) = in_words([], in_turns(NAMES, values, modelled))
+    assert (own.kind, own.about, own.title) == ("order", "rows", "Rows of two sources take turns")
 
 
 def test_sound_telemetry_does_not_take_turns():

@@ -10,10 +10,10 @@ from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
 from flightcal.check.misfit import Misfit
+from flightcal.check.network_view import HEAT
 from flightcal.check.page import _suspects
 from flightcal.check.prepared import prepared
 from flightcal.check.suspicion import Suspicion, ranked, unexplained
-from flightcal.check.view import HEAT
 from flightcal.check.white_box import finalists
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heaters import obedient

@@ -17,10 +17,10 @@ def test_a_status_is_told_that_does_not_do_what_the_thresholds_say(tmp_path):
         "body_temp": ("time", data["body_temp"].values - 4.0),
         "heater_status": ("time", np.zeros(data.sizes["time"])),
     }
-    ((name, words, constant),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
-    assert (name, constant) == ("heater", True)
-    assert "'off'" in words.sentence
-    assert "below 'on_below' (10" in words.sentence
+    ((told, constant),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
+    assert (told.kind, told.about, constant) == ("thermostat", "heater", True)
+    assert "'off'" in told.sentence
+    assert "below 'on_below' (10" in told.sentence
 
 
 def test_a_status_that_comes_at_times_of_its_own_is_told_too(tmp_path):
@@ -30,18 +30,18 @@ def test_a_status_that_comes_at_times_of_its_own_is_told_too(tmp_path):
         "body_temp": ("time", np.where(even, data["body_temp"].values - 4.0, np.nan)),
         "heater_status": ("time", np.where(even, np.nan, 0.0)),
     }
-    ((name, _, constant),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
-    assert (name, constant) == ("heater", True)
+    ((told, constant),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
+    assert (told.about, constant) == ("heater", True)
 
 
 def test_a_thermostat_that_switches_elsewhere_is_told_by_its_switches(tmp_path):
     """A shift of 2.3 K is too little to tell by how often it is on where it should be off."""
     scenario, data = small.closed_loop(tmp_path)
     off = {"body_temp": ("time", data["body_temp"].values + 2.3)}
-    ((name, words, constant),) = disobeyed(build_window(scenario, data.assign(off), "train"))
-    assert (name, constant) == ("heater", False)
-    told = float(words.sentence.partition("by ")[2].split()[0])
-    assert told == pytest.approx(2.3, abs=0.3)
+    ((told, constant),) = disobeyed(build_window(scenario, data.assign(off), "train"))
+    assert (told.about, constant) == ("heater", False)
+    off_by = float(told.sentence.partition("by ")[2].split()[0])
+    assert off_by == pytest.approx(2.3, abs=0.3)
     less = {"body_temp": ("time", data["body_temp"].values + 1.5)}
     assert list(disobeyed(build_window(scenario, data.assign(less), "train"))) == []
 
@@ -97,9 +97,9 @@ def test_two_thermostats_with_one_status_are_told(tmp_path):
     def told(status):
         return list(copied(build_window(scenario, data.assign(second_status=("time", status)), "train")))
 
-    ((about, words),) = told(data["heater_status"].values)
-    assert about == "heater second"
-    assert words.title == "heater and second have the same status"
+    (own,) = told(data["heater_status"].values)
+    assert (own.kind, own.about) == ("same status", "heater second")
+    assert own.title == "heater and second have the same status"
     assert told(1.0 - data["heater_status"].values) == []
 
 
@@ -121,9 +121,9 @@ def test_two_thermostats_whose_thresholds_are_exchanged_are_told(tmp_path):
     first, second = written["simulator"]["heaters"].values()
     for key in ("on_below", "off_above"):
         first[key], second[key] = second[key], first[key]
-    ((about, words),) = exchanged(build_window(small.load(tmp_path, written)[0], data, "train"))
-    assert about == "heater second"
-    assert words.title == "The thresholds of heater and second are exchanged"
+    (own,) = exchanged(build_window(small.load(tmp_path, written)[0], data, "train"))
+    assert (own.kind, own.about) == ("thresholds exchanged", "heater second")
+    assert own.title == "The thresholds of heater and second are exchanged"
 
 
 @pytest.mark.parametrize(("capacity", "told"), [("100 J/K", True), ("3000 J/K", False)])
@@ -131,8 +131,8 @@ def test_a_heater_that_switches_between_the_samples_of_its_status_is_told(tmp_pa
     written = small.content()
     written["simulator"]["nodes"]["body"]["capacity"] = capacity
     scenario, data = small.closed_loop(tmp_path, written)
-    found = dict(unfollowed(build_window(scenario, data, "train")))
-    assert list(found) == (["heater"] if told else [])
+    found = unfollowed(build_window(scenario, data, "train"))
+    assert [(own.kind, own.about) for own in found] == ([("sampling", "heater")] if told else [])
 
 
 @pytest.mark.slow

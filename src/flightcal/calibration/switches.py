@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..problem import HeatModel, Held, Units, Window, heater_watts, responses, with_other
 from ..simulator import FloatArray, sensor_temperatures
-from ..telemetry import quiet_noise
+from ..telemetry import quiet_noise, spells
 
 _MOST_TIMES = 400
 """Short times in a window: as many as samples, or so many."""
@@ -144,7 +144,7 @@ def with_states(held: Held, heater_times: HeaterTimes, on: Bools, *, keeps: bool
     """
     if (on == heater_times.on).all():
         return held
-    changes = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
+    changes = spells(on).ravel()
     # What does not change keeps the moment that it has.
     known = np.array(
         sorted({time for begin, end, which in held.on if which == heater_times.heater for time in (begin, end)})

@@ -6,6 +6,6 @@ simulator, telemetry, words.
 
 from .evaluate import PriorRuns, effort_for
 from .profile import check_names
+from .run_check import CHECK, CheckSummary, check
 from .suspects import SUSPECTS, suspects
 from .suspicion import Suspects
-from .whole import CHECK, CheckSummary, check

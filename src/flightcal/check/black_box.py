@@ -18,10 +18,10 @@ from ..problem import Problem, Runs, Window, initial_priors
 from ..scenario import ICE_POINT
 from ..simulator import FloatArray
 from ..words import number
-from .comparison import Comparison, Rows, rows_of
+from .compared_window import ComparedWindow, Rows, rows_of
 from .evidence import Fit, Gaussian, gaussian
-from .suspicion import CLEAR
-from .view import WIDENED, Point
+from .network_view import WIDENED, Point
+from .suspicion import CLEAR, Suspicion
 from .wrongs import COLDEST, HOTTEST, SHIFT, SHIFTS, Words, Wrong, clocks_as_read, wrongs_of_channels
 
 _LEAST = 8
@@ -44,7 +44,7 @@ _DUTY, _MOVES = 0.05, 0.15
 
 
 @dataclass(frozen=True)
-class Ensemble(Comparison):
+class PriorEnsemble(ComparedWindow):
     """One window of a scenario, its telemetry as rows, and simulations at draws of the prior."""
 
     problem: Problem
@@ -150,7 +150,7 @@ class Ensemble(Comparison):
 
 def ensemble_of(
     problem: Problem, telemetry: xarray.Dataset, thetas: FloatArray, runs: Sequence[Runs | None]
-) -> Ensemble | None:
+) -> PriorEnsemble | None:
     """Of simulations at draws of the prior thetas [S, d]; None: too few of them finish."""
     done = [(theta, run[0]) for theta, run in zip(thetas, runs, strict=True) if run is not None]
     if len(done) < _LEAST:
@@ -158,7 +158,7 @@ def ensemble_of(
     simulated = np.stack([run.temperatures for _, run in done])
     status = np.stack([run.status for _, run in done])
     z = problem.to_z(np.stack([theta for theta, _ in done]))
-    return Ensemble(problem, telemetry, rows_of(problem.windows[0]), z, simulated, status)
+    return PriorEnsemble(problem, telemetry, rows_of(problem.windows[0]), z, simulated, status)
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ class _Look:
     nothing: Fit
 
 
-def compared_by_runs(ensemble: Ensemble) -> tuple[Fit, list[tuple[Fit, Wrong, float]]]:
+def compared_by_runs(ensemble: PriorEnsemble) -> tuple[Fit, list[tuple[Fit, Wrong, float]]]:
     """The telemetry with nothing wrong, and what is better by over `CLEAR` nats, each with its nats, the best first."""
     look = _look(ensemble)
     tried = sorted(((*_gained(ensemble, look, wrong), wrong) for wrong in _wrongs(ensemble)), key=lambda item: -item[0])
@@ -186,18 +186,18 @@ def compared_by_runs(ensemble: Ensemble) -> tuple[Fit, list[tuple[Fit, Wrong, fl
     return look.nothing, sorted(better, key=lambda item: -item[2])
 
 
-def _look(ensemble: Ensemble) -> _Look:
+def _look(ensemble: PriorEnsemble) -> _Look:
     around = gaussian(ensemble.rows, ensemble.point, np.isfinite(ensemble.as_read)).in_modes()
     return _Look(around, _fit(ensemble, around, ensemble.observed))
 
 
-def _gained(ensemble: Ensemble, look: _Look, wrong: Wrong) -> tuple[float, Fit]:
+def _gained(ensemble: PriorEnsemble, look: _Look, wrong: Wrong) -> tuple[float, Fit]:
     """Nats by which a wrong is better than nothing, odds counted, and its fit."""
     fit = _fit(ensemble, look.around, wrong.read(ensemble.observed), wrong)
     return fit.evidence - look.nothing.evidence - wrong.odds, fit
 
 
-def _by_chance(ensemble: Ensemble, wrong: Wrong) -> float:
+def _by_chance(ensemble: PriorEnsemble, wrong: Wrong) -> float:
     """Nats that another clock of the same channels gains at most where nothing is wrong.
 
     Each draw of one half in turn is the telemetry, and the other half what is expected. Cycles of a thermostat that are
@@ -225,13 +225,13 @@ def _by_chance(ensemble: Ensemble, wrong: Wrong) -> float:
     return most
 
 
-def _wrongs(ensemble: Ensemble) -> Iterator[Wrong]:
+def _wrongs(ensemble: PriorEnsemble) -> Iterator[Wrong]:
     yield from wrongs_of_channels(ensemble)
     yield from clocks_as_read(ensemble)
     yield from _priors(ensemble)
 
 
-def _priors(ensemble: Ensemble) -> Iterator[Wrong]:
+def _priors(ensemble: PriorEnsemble) -> Iterator[Wrong]:
     """A prior is not where it should be."""
     names = ensemble.window.scenario.parameters
     for entry, name in enumerate(ensemble.problem.names):
@@ -251,7 +251,7 @@ def _priors(ensemble: Ensemble) -> Iterator[Wrong]:
         yield Wrong("prior", name, words, columns=column, least=3.0 / WIDENED, tries=len(names))
 
 
-def _closely(ensemble: Ensemble, look: _Look, nats: float, fit: Fit, wrong: Wrong) -> tuple[float, Fit, Wrong]:
+def _closely(ensemble: PriorEnsemble, look: _Look, nats: float, fit: Fit, wrong: Wrong) -> tuple[float, Fit, Wrong]:
     """A wrong with the best of numbers near by."""
     for _ in range(_ROUNDS):
         near = [] if wrong.closer is None else list(wrong.closer())
@@ -263,7 +263,7 @@ def _closely(ensemble: Ensemble, look: _Look, nats: float, fit: Fit, wrong: Wron
     return nats, fit, wrong
 
 
-def _fit(ensemble: Ensemble, around: Gaussian, observed: FloatArray, wrong: Wrong | None = None) -> Fit:
+def _fit(ensemble: PriorEnsemble, around: Gaussian, observed: FloatArray, wrong: Wrong | None = None) -> Fit:
     """Of telemetry [t, N] as it should be read."""
     left = _left(ensemble, observed)
     fit = around.fit(left) if wrong is None else around.fit(left, wrong.columns, wrong.scale)
@@ -271,17 +271,17 @@ def _fit(ensemble: Ensemble, around: Gaussian, observed: FloatArray, wrong: Wron
     return fit.with_parameters(ensemble.problem.names, moved)
 
 
-def _evidence(ensemble: Ensemble, around: Gaussian, observed: FloatArray) -> float:
+def _evidence(ensemble: PriorEnsemble, around: Gaussian, observed: FloatArray) -> float:
     """That of `_fit` with nothing wrong."""
     return around.evidence(_left(ensemble, observed))
 
 
-def _left(ensemble: Ensemble, observed: FloatArray) -> FloatArray:
+def _left(ensemble: PriorEnsemble, observed: FloatArray) -> FloatArray:
     """[R] K of telemetry [t, N] beside what is expected."""
     return ensemble.flat(observed) - ensemble.expected(observed)
 
 
-def _is_nearer(ensemble: Ensemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
+def _is_nearer(ensemble: PriorEnsemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
     """Whether another unit is worth a word, if it is one."""
     if not wrong.is_smaller:
         return True
@@ -295,8 +295,8 @@ def _is_nearer(ensemble: Ensemble, wrong: Wrong, fit: Fit, nothing: Fit) -> bool
     return wrong.leaves_less(left, before, ensemble.observed)
 
 
-def told_by_status(ensemble: Ensemble) -> Iterator[tuple[str, str, Words]]:
-    """Kind, channel and words of a status that says on where the simulator says off, and of heaters that never switch.
+def told_by_status(ensemble: PriorEnsemble) -> Iterator[Suspicion]:
+    """A status that says on where the simulator says off, and heaters that never switch there.
 
     By how often a heater is on, and by what warms meanwhile.
     """
@@ -313,16 +313,14 @@ def told_by_status(ensemble: Ensemble) -> Iterator[tuple[str, str, Words]]:
         often = f"{channel} says that {heater} is on for {100.0 * measured:.0f}% of the time"
         if np.ptp(of_draws) == 0.0:
             never = "never" if of_draws[0, 0] == 0.0 else "always"
-            yield (
+            yield Suspicion(
                 "heater",
                 heater,
-                Words(
-                    f"{heater} is {never} on in the simulator",
-                    f"{often}; in none of {len(of_draws)} simulations at draws of the prior it switches.",
-                    f"Check {heater} in the simulator's own files: whether it is there, its thresholds, its sensor; "
-                    f"and what else {'keeps its node warm' if never == 'never' else 'cools its node'} there: priors, "
-                    "powers, sunlight",
-                ),
+                f"{heater} is {never} on in the simulator",
+                f"{often}; in none of {len(of_draws)} simulations at draws of the prior it switches.",
+                f"Check {heater} in the simulator's own files: whether it is there, its thresholds, its sensor; "
+                f"and what else {'keeps its node warm' if never == 'never' else 'cools its node'} there: priors, "
+                "powers, sunlight",
             )
             continue
         nats = _less_likely(measured, 1.0 - measured, simulated, _DUTY)
@@ -331,20 +329,17 @@ def told_by_status(ensemble: Ensemble) -> Iterator[tuple[str, str, Words]]:
         if np.isfinite(warms):
             nats += _less_likely(warms, -warms, ensemble.follows[[k], shows], _MOVES)
         if nats > CLEAR:
-            yield (
+            yield Suspicion(
                 "status inverted",
                 channel,
-                Words(
-                    f"{channel} is inverted",
-                    f"{often}, the simulator for {100.0 * float(simulated.mean()):.0f}%; {ensemble.channels[shows]} "
-                    "warms while it says off.",
-                    f"Correct {window.scenario.telemetry.channels[channel].says_on} of {channel} in 'telemetry: "
-                    "channels'",
-                ),
+                f"{channel} is inverted",
+                f"{often}, the simulator for {100.0 * float(simulated.mean()):.0f}%; {ensemble.channels[shows]} "
+                "warms while it says off.",
+                f"Correct {window.scenario.telemetry.channels[channel].says_on} of {channel} in 'telemetry: channels'",
             )
 
 
-def no_temperatures(ensemble: Ensemble) -> Iterator[tuple[str, Words]]:
+def no_temperatures(ensemble: PriorEnsemble) -> Iterator[Suspicion]:
     """Channels that read, or for which the simulator says, what no satellite has: another unit, by their middle."""
     observations = ensemble.window.scenario.observations
     for k, channel in enumerate(ensemble.channels):
@@ -358,13 +353,12 @@ def no_temperatures(ensemble: Ensemble) -> Iterator[tuple[str, Words]]:
                 continue
             middle = float(np.median(valid)) - ICE_POINT
             unit = "kelvin, and is read as degC" if COLDEST < middle < HOTTEST else "another unit"
-            yield (
+            yield Suspicion(
+                "unit",
                 channel,
-                Words(
-                    f"{name} is in {unit}",
-                    f"It is {number(middle, 3)} degC in the middle.",
-                    f"Correct 'unit' of {output if values.ndim > 1 else channel} {where}",
-                ),
+                f"{name} is in {unit}",
+                f"It is {number(middle, 3)} degC in the middle.",
+                f"Correct 'unit' of {output if values.ndim > 1 else channel} {where}",
             )
 
 

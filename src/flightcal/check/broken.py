@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -12,8 +11,10 @@ from numpy.typing import NDArray
 
 from ..scenario import ICE_POINT
 from ..simulator import FloatArray
+from ..telemetry import spells
 from ..words import moment, number
 from .samples import noise_of, step_of
+from .suspicion import Suspicion
 
 _STUCK = 30
 """Equal samples that no sensor shows where the model moves."""
@@ -60,11 +61,7 @@ _GAP = 2.5
 class Broken:
     """What is wrong with a channel, and which of its samples are of no use."""
 
-    kind: Literal["filled", "stuck", "clipped", "repeating", "held", "spike"]
-    channel: str
-    title: str
-    sentence: str
-    advice: str
+    suspicion: Suspicion
     useless: NDArray[np.bool_]
     """[T]."""
 
@@ -95,12 +92,13 @@ def _filled(channel: str, times: NDArray[np.datetime64], values: FloatArray, mod
             _FAR, noises * noise_of(values[others]), 4.0 * float(np.quantile(np.abs(np.diff(values[others])), 0.95))
         )
         if (height > limit).mean() > 0.8:
-            return Broken(
+            suspicion = Suspicion(
                 "filled", channel, f"{channel} has samples that are no readings",
                 f"{number(float(number_of) - ICE_POINT, 4)} degC comes {int(is_it.sum())} times, each time "
                 f"{number(float(np.median(height)), 2)} K away from the samples around it.",
-                f"Write it as 'invalid' of {channel} in 'telemetry: channels'", is_it,
+                f"Write it as 'invalid' of {channel} in 'telemetry: channels'",
             )  # fmt: skip
+            return Broken(suspicion, is_it)
     return None
 
 
@@ -109,8 +107,7 @@ def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, mo
     if len(values) < _STUCK:
         return None
     for extreme, word in ((values.max(), "above"), (values.min(), "below")):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (values == extreme).astype(int), [0]])))
-        first, last = edges[::2], edges[1::2]
+        first, last = spells(values == extreme).T
         after = np.minimum(last, len(values) - 1)
         rise, before = _motion(values, first - 1, -_SLOPE, last - first)
         fall, later = _motion(values, after, _SLOPE, last - first)
@@ -124,12 +121,13 @@ def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, mo
         beyond = np.maximum(beyond, _goes_on(modelled if word == "above" else -modelled, first, last))
         if (beyond > _CLIPPED + 4.0 * step_of(values) + 4.0 * noise_of(values)).sum() < 2:
             continue
-        return Broken(
+        suspicion = Suspicion(
             "clipped", channel, f"{channel} shows nothing {word} {number(float(extreme) - ICE_POINT, 4)} degC",
             f"It stops there {len(first)} times, for up to {int((last - first).max())} samples, where it would go on "
             f"by {number(float(beyond.max()), 2)} K.",
-            f"Leave these samples out with a narrower 'valid_range' of {channel}", values == extreme,
+            f"Leave these samples out with a narrower 'valid_range' of {channel}",
         )  # fmt: skip
+        return Broken(suspicion, values == extreme)
     return None
 
 
@@ -174,13 +172,14 @@ def _spikes(channel: str, times: NDArray[np.datetime64], values: FloatArray, mod
         return None
     first = order[0]
     what = "a spike" if high.sum() == 1 else f"{high.sum()} spikes"
-    return Broken(
+    suspicion = Suspicion(
         "spike", channel, f"{channel} has {what}",
         f"At {moment(times[first])} UTC it reads {number(float(values[first]) - ICE_POINT, 3)} degC, "
         f"{number(float(height[first]), 2)} K away from the samples around it.",
         _leave_out(channel, times, high) if high.sum() <= _MOST_SPIKES
-        else f"Leave them out with a narrower 'valid_range' of {channel}", high,
+        else f"Leave them out with a narrower 'valid_range' of {channel}",
     )  # fmt: skip
+    return Broken(suspicion, high)
 
 
 def _heights(times: NDArray[np.datetime64], values: FloatArray) -> FloatArray:
@@ -211,12 +210,13 @@ def _held(channel: str, times: NDArray[np.datetime64], values: FloatArray, model
     stride = int(np.gcd.reduce(np.diff(changes)))
     if stride < _HELD:
         return None
-    return Broken(
+    suspicion = Suspicion(
         "held", channel, f"{channel} holds each reading for {stride} samples",
         f"Its value changes every {stride} samples or a multiple of that, and never between: one of {stride} "
         "is a measurement.",
-        f"Keep one of {stride} samples of {channel}", np.diff(values, prepend=values[0]) == 0.0,
+        f"Keep one of {stride} samples of {channel}",
     )  # fmt: skip
+    return Broken(suspicion, np.diff(values, prepend=values[0]) == 0.0)
 
 
 def _stuck_often(
@@ -241,12 +241,13 @@ def _stuck_often(
     if not (min(moved) >= max(_MOVES, 4.0 * step_of(values)) and all(breaks)):
         return None
     useless = np.any([_between(values, first, end) for first, end in stretches], axis=0)
-    return Broken(
+    suspicion = Suspicion(
         "stuck", channel, f"{channel} is stuck again and again",
         f"{len(stretches)} times it reads one number for {ordered[apart[-1]]} samples or more, the first time from "
         f"{moment(times[stretches[0][0]])} UTC on; meanwhile the model moves by {number(min(moved), 2)} K or more.",
-        _leave_out(channel, times, useless), useless,
+        _leave_out(channel, times, useless),
     )  # fmt: skip
+    return Broken(suspicion, useless)
 
 
 def _stuck(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
@@ -276,11 +277,12 @@ def _stuck(channel: str, times: NDArray[np.datetime64], values: FloatArray, mode
         return None
     useless = _between(values, first, last + 1)
     whole = "throughout" if not len(others) else f"from {moment(times[first])} UTC to {moment(times[last])} UTC"
-    return Broken(
+    suspicion = Suspicion(
         "stuck", channel, f"{channel} is stuck",
         f"It reads {number(float(values[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; {words}.",
-        _leave_out(channel, times, useless) if len(others) else f"Leave {channel} out of 'observations'", useless,
+        _leave_out(channel, times, useless) if len(others) else f"Leave {channel} out of 'observations'",
     )  # fmt: skip
+    return Broken(suspicion, useless)
 
 
 def _runs(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -313,12 +315,13 @@ def stuck_throughout(
     if moves < max(_MOVES, 4.0 * step_of(known)):
         return None
     at = times[valid]
-    return Broken(
+    suspicion = Suspicion(
         "stuck", channel, f"{channel} is stuck",
         f"It reads {number(float(read[0]) - ICE_POINT, 4)} degC in all {len(read)} samples from {moment(at[0])} UTC to "
         f"{moment(at[-1])} UTC; in the window to train on it moves by {number(moves, 2)} K.",
-        _leave_out(channel, at, valid[valid]), valid,
+        _leave_out(channel, at, valid[valid]),
     )  # fmt: skip
+    return Broken(suspicion, valid)
 
 
 def _usual_move(values: FloatArray, first: int, end: int, count: int) -> float:
@@ -351,8 +354,7 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     best = (0, 0, 0, 0)  # changes, lag, first, last
     for lag in _lags(values, moves):
         same = values[lag:] == values[:-lag]
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
+        for first, last in spells(same):
             count = int(moves[lag + first : lag + last].sum())
             if count > best[0]:
                 best = (count, lag, lag + int(first), lag + int(last))
@@ -370,11 +372,12 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     if max(likely) ** count > _CHANCE:
         return None
     useless = _between(values, first, last)
-    return Broken(
+    suspicion = Suspicion(
         "repeating", channel, f"{channel} repeats itself",
         f"{last - first} samples from {moment(times[first])} UTC on are exactly those of {lag} samples before.",
-        _leave_out(channel, times, useless), useless,
+        _leave_out(channel, times, useless),
     )  # fmt: skip
+    return Broken(suspicion, useless)
 
 
 def _lags(values: FloatArray, moves: NDArray[np.bool_]) -> list[int]:
@@ -399,9 +402,9 @@ def _lags(values: FloatArray, moves: NDArray[np.bool_]) -> list[int]:
 
 def _leave_out(channel: str, times: NDArray[np.datetime64], useless: NDArray[np.bool_]) -> str:
     """Advice to leave samples out of a channel's at times [T]; half a sample longer, for a mean is of such a time."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], useless.astype(int), [0]]))).reshape(-1, 2)
+    first, end = spells(useless).T
     half = np.median(np.diff(times)) // 2
-    ends = (np.datetime_as_string([times[first] - half, times[end - 1] + half], unit="ms") for first, end in edges)
+    ends = np.datetime_as_string(np.stack([times[first] - half, times[end - 1] + half], axis=1), unit="ms")
     texts = (tuple(str(name).removesuffix(".000") for name in pair) for pair in ends)
     spans = ", ".join(f"{{start: {start}, end: {end}}}" for start, end in texts)
     return f"Leave it out: 'leave_out: [{spans}]' of {channel} in 'telemetry: channels'"

@@ -16,8 +16,8 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 
 from ..problem import Window
 from ..simulator import FloatArray, SimulationFailure
-from .comparison import MODEL, Rows
-from .view import Point, View
+from .compared_window import MODEL, Rows
+from .network_view import Point, View
 
 SIZES = (0.5, 1.0, 2.0, 4.0)
 """Of all unmodelled heat, over that of `HEAT`: the likeliest counts."""

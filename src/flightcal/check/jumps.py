@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..simulator import FloatArray
 from ..words import listed, moment, number
 from .samples import noise_of
-from .wrongs import Words
+from .suspicion import Suspicion
 
 _APART = np.timedelta64(120, "s")
 """Between two samples at most: in more time a light node may go far."""
@@ -124,42 +124,48 @@ def _jumps_too(values: FloatArray, place: int) -> bool:
     return bool(moves[place] > max(_TOO * usual, _NOISES_TOO * noise_of(values)))
 
 
-def in_words(found: Sequence[Jump], turning: Sequence[str] = ()) -> list[tuple[str, str, Words]]:
-    """Kind, what it is about, and words: of all that jumps at once, else of each channel that jumps.
+def in_words(found: Sequence[Jump], turning: Sequence[str] = ()) -> list[Suspicion]:
+    """What is said of all that jumps at once, else of each channel that jumps.
 
     turning: channels that go to and fro, see `in_turns`.
     """
     if turning:
-        words = Words(
+        suspicion = Suspicion(
+            "order",
+            "rows",
             "Rows of two sources take turns",
             f"{listed(list(turning))} go to and fro by kelvins from each sample to the next, and every second sample "
             "is close to the one before it. No heat does that: rows of two satellites, units or sensors are in one "
             "file.",
             "Part them by the column that says whose a row is, such as a tag that was left out of an export",
         )
-        return [("order", "rows", words)]
+        return [suspicion]
     together = [jump for jump in found if len(jump.channels) > 1]
     if together:
         first, more = _largest(together)
-        words = Words(
+        suspicion = Suspicion(
+            "order",
+            "time",
             "The telemetry jumps in time",
             f"At {moment(first.time)} UTC {listed(list(first.channels))} jump at once, {first.channels[0]} by "
             f"{number(abs(first.height), 2)} K from one sample to the next{more}. No heat does that: samples are lost, "
             "of another time, or not in order.",
             "Check the time column there, and how packets and files are put together",
         )
-        return [("order", "time", words)]
+        return [suspicion]
     told = []
     for channel in dict.fromkeys(jump.channels[0] for jump in found):
         first, more = _largest([jump for jump in found if jump.channels[0] == channel])
-        words = Words(
+        suspicion = Suspicion(
+            "jump",
+            channel,
             f"{channel} jumps",
             f"At {moment(first.time)} UTC it goes by {number(abs(first.height), 2)} K from one sample to the next"
             f"{more}. No heat does that to its node: the sensor, or what reads it, changed; or samples are lost there, "
             "which slower nodes do not show.",
             f"Check {channel} there; leave that time out of the window",
         )
-        told.append(("jump", channel, words))
+        told.append(suspicion)
     return told
 
 

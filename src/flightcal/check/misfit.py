@@ -12,8 +12,8 @@ from ..environment import slew_begins, sunlit_share
 from ..scenario import AttitudeTimeline
 from ..simulator import FloatArray
 from ..words import number
-from .comparison import INFERRED
-from .view import View
+from .compared_window import INFERRED
+from .network_view import View
 
 _FEW = 0.1
 """Share of samples that a state has to have, and to lack, to be compared."""

@@ -23,9 +23,9 @@ from ..scenario import (
     Uniform,
 )
 from ..telemetry import window_bounds
-from .comparison import INFERRED
+from .compared_window import INFERRED
+from .network_view import HEAT, NO_LINK, SHARES, View, view_of
 from .thermostat import inferred
-from .view import HEAT, NO_LINK, SHARES, View, view_of
 
 _MOST_LINKED = 14
 """Nodes, of which any two may be linked."""

@@ -36,7 +36,7 @@ _POINTS = 4
 
 
 @dataclass(frozen=True)
-class Jump:
+class DensityJump:
     """A place at which the log density jumps."""
 
     name: str
@@ -69,7 +69,7 @@ class Scan:
     """[P] relative to the centre's; -inf where the simulation fails."""
     sequence: tuple[int, ...]
     """[P] number of the switch sequence: the same where all heaters switch equally often."""
-    jumps: tuple[Jump, ...]
+    jumps: tuple[DensityJump, ...]
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Smoothness:
     located: bool
 
     @property
-    def jumps(self) -> tuple[Jump, ...]:
+    def jumps(self) -> tuple[DensityJump, ...]:
         """Of all scans, the largest first."""
         return tuple(sorted((jump for scan in self.scans for jump in scan.jumps), key=lambda jump: -abs(jump.nats)))
 
@@ -167,7 +167,7 @@ def _located(
     place: FloatArray,
     values: FloatArray,
     signatures: list[list[tuple[int, ...]]],
-) -> list[Jump]:
+) -> list[DensityJump]:
     """Halve all candidates side by side, and keep what is a jump."""
     candidates = _candidates(values, signatures)
     if not candidates:
@@ -201,7 +201,7 @@ def _located(
     jumps = []
     for c, theta, *sides in zip(kept.tolist(), thetas, below, above, strict=True):
         name = names[scan[c]]
-        jump = Jump(name, float(ends[0, c]), float(theta[problem.names.index(name)]), float(rise[c]))
+        jump = DensityJump(name, float(ends[0, c]), float(theta[problem.names.index(name)]), float(rise[c]))
         jumps.append(replace(jump, **_what_differs(problem, *sides)))
     return jumps
 

@@ -8,7 +8,7 @@ it is better by far than nothing wrong (`suspicion`).
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import astuple, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -22,17 +22,17 @@ from ..run import Run, Stage, plain, read_json, typed
 from ..scenario import Scenario
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import select_window
-from .black_box import Ensemble, compared_by_runs, ensemble_of, no_temperatures, told_by_status
+from .black_box import PriorEnsemble, compared_by_runs, ensemble_of, no_temperatures, told_by_status
 from .broken import Broken, broken, stuck_throughout
-from .comparison import known_thermostats
+from .compared_window import known_thermostats
 from .evaluate import PriorRuns
 from .evidence import Fit, climbed
 from .jumps import Jump, in_turns, in_words, jumps
 from .misfit import misfit
+from .network_view import View
 from .prepared import prepared
 from .suspicion import BAD, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
 from .thermostat import copied, disobeyed, exchanged, inferred, unfollowed
-from .view import View
 from .white_box import OF_THERMOSTATS, compared
 from .wrongs import in_other_units
 
@@ -69,23 +69,13 @@ def suspects(
     except (FlightcalError, SimulationFailure) as error:
         view, why_not = None, str(error)
     seen = _seen(window.simulator.channels, window.times, window.observed, modelled)
-    of_channels = [*seen, *_elsewhere(problem, telemetry, seen)]
-    found = [
-        Suspicion(
-            broken_channel.kind,
-            broken_channel.channel,
-            broken_channel.title,
-            broken_channel.sentence,
-            broken_channel.advice,
-        )
-        for broken_channel in of_channels
-    ]
-    found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
-    found += [Suspicion("thresholds exchanged", pair, *astuple(words)) for pair, words in exchanged(window)]
+    of_channels = [broken_channel.suspicion for broken_channel in (*seen, *_elsewhere(problem, telemetry, seen))]
+    of_status = [*copied(window), *exchanged(window)]
     turning = in_turns(window.simulator.channels, window.observed, modelled)
-    jumped = in_words(_jumps(window, modelled, {broken_channel.channel for broken_channel in seen}), turning)
-    found = [*(Suspicion(kind, about, *astuple(words)) for kind, about, words in jumped), *found]
-    if any(kind == "order" for kind, _, _ in jumped):
+    known_broken = {broken_channel.suspicion.about for broken_channel in seen}
+    jumped = in_words(_jumps(window, modelled, known_broken), turning)
+    found = [*jumped, *of_channels, *of_status]
+    if any(suspicion.kind == "order" for suspicion in jumped):
         why_not = "telemetry that is not in order is not compared with the simulator"
         view = None
         ensemble = None
@@ -116,7 +106,7 @@ def _elsewhere(problem: Problem, telemetry: xarray.Dataset, seen: list[Broken]) 
     useful = first.observed.copy()
     channels = first.simulator.channels
     for told in seen:
-        useful[told.useless, channels.index(told.channel)] = np.nan
+        useful[told.useless, channels.index(told.suspicion.about)] = np.nan
     for name, window in scenario.windows.items():
         if name == first.name:
             continue
@@ -127,7 +117,7 @@ def _elsewhere(problem: Problem, telemetry: xarray.Dataset, seen: list[Broken]) 
         values = np.stack([samples[channel].to_numpy() for channel in channels], axis=1)
         times = samples["time"].to_numpy()
         seen_here = _seen(channels, times, values, np.full(values.shape, np.nan))
-        if any(found.kind == "spike" for found in seen_here):
+        if any(found.suspicion.kind == "spike" for found in seen_here):
             # A short eclipse cools a panel as suddenly.
             seen_here = _seen(channels, times, values, _simulated(problem, telemetry, name, times))
         yield from seen_here
@@ -167,14 +157,13 @@ def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list
 def _known(data: xarray.Dataset, times: NDArray[np.datetime64], seen: list[Broken]) -> xarray.Dataset:
     """Telemetry without the samples that are known to be of no use."""
     for broken_channel in seen:
+        channel = broken_channel.suspicion.about
         useless = np.isin(data["time"].to_numpy(), times[broken_channel.useless])
-        data = data.assign(
-            {broken_channel.channel: ("time", np.where(useless, np.nan, data[broken_channel.channel].to_numpy()))}
-        )
+        data = data.assign({channel: ("time", np.where(useless, np.nan, data[channel].to_numpy()))})
     return data
 
 
-def _ensemble(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns) -> Ensemble:
+def _ensemble(problem: Problem, telemetry: xarray.Dataset, prior_runs: PriorRuns) -> PriorEnsemble:
     """Simulations of a simulator that is run and not looked into. Raises SimulationFailure where too few finish."""
     ensemble = ensemble_of(problem, telemetry, prior_runs.thetas, prior_runs.runs)
     if ensemble is None:
@@ -188,7 +177,7 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
         return Suspects(tuple(found), True)
     odd = list(disobeyed(view.window))
     try:
-        nothing, helps = _tried(view, [name for name, _, _ in odd], progress)
+        nothing, helps = _tried(view, [suspicion.about for suspicion, _ in odd], progress)
         likely, where = ranked(helps, nothing), None
         if likely and likely[0].kind == "unrelated":
             likely = [*_beside_the_unrelated(view, likely, progress), *likely]
@@ -199,11 +188,11 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
         likely = unexplained(nothing, where, helps)
     if likely or not nothing.is_usual:
         # What makes up for missed switches may be a capacity.
-        found = [*found, *(Suspicion("sampling", name, *astuple(words)) for name, words in unfollowed(view.window))]
+        found = [*found, *unfollowed(view.window)]
     kinds = {suspicion.kind for suspicion in (*found, *likely)}
-    for name, words, constant in odd:
+    for suspicion, constant in odd:
         if not kinds & (OF_THERMOSTATS if constant else OF_THERMOSTATS | _OF_READINGS):
-            found.append(Suspicion("thermostat", name, *astuple(words)))
+            found.append(suspicion)
     every = [*found, *likely]
     if likely and likely[0].kind == "clock":
         # Times that are wrong make spikes of what changes fast.
@@ -225,7 +214,7 @@ def _misread(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> Sus
     states = [set(np.unique(inferred(scenario, telemetry, name))) for name in silent]
     if not any(state in ({0.0}, {1.0}) for state in states):
         return None
-    for read, words in in_other_units(channel, telemetry[channel].to_numpy()):
+    for read, wrong in in_other_units(channel, telemetry[channel].to_numpy()):
         try:
             view = prepared(scenario, telemetry.assign({channel: ("time", read)}))
             assert view is not None
@@ -233,7 +222,7 @@ def _misread(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> Sus
         except (FlightcalError, SimulationFailure):
             continue
         if fit.is_usual:
-            return Suspicion("unit", channel, *astuple(words))
+            return suspicion_of(wrong, fit, None)
     return None
 
 
@@ -263,13 +252,12 @@ def _beside_the_unrelated(view: View, likely: Sequence[Suspicion], progress: Pro
     return [suspicion for suspicion in better if (suspicion.kind, suspicion.about) not in known]
 
 
-def _beside_runs(ensemble: Ensemble, found: list[Suspicion]) -> Suspects:
+def _beside_runs(ensemble: PriorEnsemble, found: list[Suspicion]) -> Suspects:
     """What was found, and what explains the telemetry of a simulator that is run and not looked into."""
-    strange = [Suspicion("unit", channel, *astuple(words)) for channel, words in no_temperatures(ensemble)]
+    strange = list(no_temperatures(ensemble))
     if strange or not np.isfinite(ensemble.observed).any():
         return Suspects((*strange, *found), False, "temperatures that no satellite has are not compared")
-    told = told_by_status(ensemble)
-    found = [*found, *(Suspicion(kind, about, *astuple(words)) for kind, about, words in told)]
+    found = [*found, *told_by_status(ensemble)]
     nothing, better = compared_by_runs(ensemble)
     helps = [(fit, suspicion_of(wrong, fit, nats)) for fit, wrong, nats in better]
     named = ranked(helps, nothing, _LEFT_BY_RUNS, _FAR_BY_RUNS, BAD)

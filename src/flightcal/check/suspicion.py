@@ -93,8 +93,8 @@ class Suspects:
         return INSIDE if self.looked else NOT_COMPARED
 
 
-def suspicion_of(wrong: Wrong, fit: Fit, nats: float) -> Suspicion:
-    """What is said of a wrong that is better than nothing wrong by so many nats."""
+def suspicion_of(wrong: Wrong, fit: Fit, nats: float | None) -> Suspicion:
+    """What is said of a wrong that is better than nothing wrong by so many nats; None: it shows by itself."""
     words = wrong.words(fit) if callable(wrong.words) else wrong.words
     return Suspicion(wrong.kind, wrong.about, words.title, words.sentence, words.advice, nats)
 

@@ -13,9 +13,9 @@ from ..problem import Window, pinned_heaters
 from ..scenario import ICE_POINT, Scenario, SimulatorModel
 from ..simulator import FloatArray
 from ..words import number
-from .comparison import known_thermostats
+from .compared_window import known_thermostats
 from .samples import noise_of
-from .wrongs import Words
+from .suspicion import Suspicion
 
 _BEYOND, _NOISES = 2.0, 4.0
 """K, and deviations of the noise, by which a sensor has to be beyond a threshold."""
@@ -54,10 +54,10 @@ def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatA
     return np.nan_to_num(_between(telemetry["time"].to_numpy(), np.where(known, beyond, np.nan)), nan=0.5)
 
 
-def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
+def disobeyed(window: Window) -> Iterator[tuple[Suspicion, bool]]:
     """Heaters that are often off where they should be on, or on where they should be off, or switch elsewhere.
 
-    Each with words, and whether its status never changes.
+    Each with whether its status never changes.
     """
     for name, place, channel in known_thermostats(window):
         heater, read = window.scenario.network.switches[name], _readings(window, channel)
@@ -71,30 +71,34 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
             if count < max(_LEAST, _OFTEN * known.sum()):
                 continue
             far = float(np.abs(read[beyond & known] - limit).max())
-            words = Words(
+            suspicion = Suspicion(
+                "thermostat",
+                name,
                 f"{name} does not do what its thresholds say",
                 f"Its status says '{state}' in {count} of {int(known.sum())} samples in which {channel} is {word} "
                 f"({number(limit - ICE_POINT, 3)} degC), by up to {number(far, 2)} K.",
                 f"Check the status, the 'sensor' and the thresholds of {name}, and {channel}",
             )
-            yield name, words, bool(np.ptp(on[known]) == 0.0)
+            yield suspicion, bool(np.ptp(on[known]) == 0.0)
             break
         else:
             off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
             mean = float(off.mean()) if len(off) else 0.0
             least = _BEYOND + _NOISES * noise_of(read) / max(len(off), 1) ** 0.5
             if len(off) >= _SWITCHES and abs(mean) > least and ((off > 0.0).all() or (off < 0.0).all()):
-                words = Words(
+                suspicion = Suspicion(
+                    "thermostat",
+                    name,
                     f"{name} does not do what its thresholds say",
                     f"At all of its {len(off)} switches {channel} is {'above' if mean > 0.0 else 'below'} its "
                     f"thresholds, by {number(abs(mean), 2)} K in the mean.",
                     f"Check the 'sensor' and the thresholds of {name}, and {channel}",
                 )
-                yield name, words, False
+                yield suspicion, False
 
 
-def exchanged(window: Window) -> Iterator[tuple[str, Words]]:
-    """Pairs of heaters that each switch at the other one's thresholds, as both are called, with words."""
+def exchanged(window: Window) -> Iterator[Suspicion]:
+    """Pairs of heaters that each switch at the other one's thresholds."""
     for one, other in combinations(known_thermostats(window), 2):
         off = {
             (thermostat[0], of[0]): _off(window, thermostat, of[0])
@@ -105,14 +109,15 @@ def exchanged(window: Window) -> Iterator[tuple[str, Words]]:
         apart = np.min([off[a, a], off[b, b]])  # NaN where one is
         if not (apart >= _APART and np.max([off[a, b], off[b, a]]) <= _MENDED * apart):
             continue
-        words = Words(
+        yield Suspicion(
+            "thresholds exchanged",
+            f"{a} {b}",
             f"The thresholds of {a} and {b} are exchanged",
             f"At their switches {at_a} and {at_b} are off their own thresholds by {number(off[a, a], 2)} and "
             f"{number(off[b, b], 2)} K in the mean, off each other's by {number(off[a, b], 2)} and "
             f"{number(off[b, a], 2)} K.",
             f"Exchange 'on_below' and 'off_above' of {a} and {b}",
         )
-        yield f"{a} {b}", words
 
 
 def _readings(window: Window, channel: str) -> FloatArray:
@@ -169,8 +174,8 @@ def _between(times: NDArray[np.datetime64], status: FloatArray) -> FloatArray:
     return np.where(same & (places > first) & (places < last), status[first], status)
 
 
-def unfollowed(window: Window) -> Iterator[tuple[str, Words]]:
-    """Heaters that switch as fast as their status is sampled, or faster, and whose nodes are not held, with words.
+def unfollowed(window: Window) -> Iterator[Suspicion]:
+    """Heaters that switch as fast as their status is sampled, or faster, and whose nodes are not held.
 
     Samples that have nothing to do with each other are on for 1 / (1 - d) in a row and off for 1 / d, where d is the
     share of them that are on: the sum of the reciprocals is 1. It is smaller where each time on and off is seen.
@@ -188,18 +193,19 @@ def unfollowed(window: Window) -> Iterator[tuple[str, Words]]:
         means = [float(lengths[start::2].mean()) for start in (0, 1)]
         if sum(1.0 / mean for mean in means) < 1.0:
             continue
-        words = Words(
+        yield Suspicion(
+            "sampling",
+            name,
             f"{name} switches as fast as its status is sampled",
             f"The status changes {len(turns)} times in {len(on)} samples, and stays for {number(min(means), 2)} of "
             "them in the mean: some of its switches are missed, and the model heats at wrong times.",
             f"Ask for the status of {name} more often than it switches; else leave it out, and write a load for its "
             "heat, whose driver is the status in means over some minutes",
         )
-        yield name, words
 
 
-def copied(window: Window) -> Iterator[tuple[str, Words]]:
-    """Pairs of heaters with one status and two sensors, as both are called, with words."""
+def copied(window: Window) -> Iterator[Suspicion]:
+    """Pairs of heaters with one status and two sensors."""
     if not isinstance(window.scenario.simulator, SimulatorModel):
         return
     heaters = window.scenario.simulator.switches
@@ -209,9 +215,10 @@ def copied(window: Window) -> Iterator[tuple[str, Words]]:
         switches = int((np.diff(one[known]) != 0.0).sum())
         if heaters[first].sensor == heaters[second].sensor or switches < _SWITCHES or (one != other)[known].any():
             continue
-        words = Words(
+        yield Suspicion(
+            "same status",
+            f"{first} {second}",
             f"{first} and {second} have the same status",
             f"It is the same in all {int(known.sum())} samples, and changes {switches} times; their sensors are two.",
             f"Check which columns the status of {first} and that of {second} are",
         )
-        yield f"{first} {second}", words

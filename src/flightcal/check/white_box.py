@@ -19,8 +19,8 @@ from ..progress import Progress
 from ..report import UNEXPLAINED
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .evidence import Fit, Gaussian, climbed, gaussian
+from .network_view import WIDENED, Memory, Point, View
 from .suspicion import CLEAR
-from .view import WIDENED, Memory, Point, View
 from .wrongs import Wrong, all_wrongs
 from .wrongs.heat import now_and_then
 from .wrongs.pointing import otherwise_pointed

@@ -1,6 +1,6 @@
 """The report of a run directory: one HTML page with figures, tables and a verdict, readable offline.
 
-Imports: calibration, errors, prediction, probability, run, scenario, simulator, validation, words.
+Imports: calibration, errors, prediction, probability, run, scenario, simulator, telemetry, validation, words.
 """
 
 from .backtest_page import write_backtest

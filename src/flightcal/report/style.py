@@ -10,6 +10,8 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from ..telemetry import spells
+
 # Okabe & Ito (2008), Color Universal Design, darkened where a thin line on white needs it.
 TELEMETRY = "#262626"
 GENETIC = "#d97706"
@@ -171,10 +173,8 @@ def polygons(
 
     x, low, high: [T]. Plotly's own fill between two traces draws across gaps.
     """
-    present = np.isfinite(low) & np.isfinite(high)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(int)))
     outline_x, outline_y = [], []
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
+    for start, end in spells(np.isfinite(low) & np.isfinite(high)):
         part = slice(start, end)
         outline_x += [x[part], x[part][::-1], x[end - 1 : end]]
         outline_y += [low[part], high[part][::-1], np.array([np.nan])]

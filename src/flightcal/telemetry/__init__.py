@@ -26,4 +26,5 @@ from .noise import quiet_noise
 from .quality import quality_table
 from .quantisation import quantisation_step
 from .read import read, read_telemetry
+from .spells import spells
 from .window import end_of_telemetry, select_window, when_read, window_bounds

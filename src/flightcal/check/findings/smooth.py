@@ -6,7 +6,7 @@ import numpy as np
 
 from ...report import Finding
 from ...words import listed, moment, number
-from ..smoothness import REACH, TOLERANCE, Jump
+from ..smoothness import REACH, TOLERANCE, DensityJump
 from .checked import Checked
 
 _SERIOUS = 1.0
@@ -76,7 +76,7 @@ def jumps(checked: Checked) -> list[Finding]:
     return [Finding("bad" if serious else "warn", title, text, tuple(jump_words(checked, jump) for jump in found))]
 
 
-def jump_words(checked: Checked, jump: Jump) -> str:
+def jump_words(checked: Checked, jump: DensityJump) -> str:
     """A jump with its place and its cause."""
     words = (
         f"{jump.name} at {checked.value(jump.name, jump.theta)} ({number(jump.place, 2)} standard deviations from the "

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 from ...simulator import SimulationFailure
-from ..comparison import Comparison
-from ..view import View
+from ..compared_window import ComparedWindow
+from ..network_view import View
 from . import attitude, channels, clocks, drivers, faces, heat, heaters, lacking, orbit, slow, timeline, written
 from .channels import COLDEST, HOTTEST, in_other_units
 from .clocks import clocks_as_read
@@ -22,7 +22,7 @@ def all_wrongs(view: View) -> Iterator[Wrong]:
             yield from wrongs(view)
 
 
-def wrongs_of_channels(view: Comparison) -> Iterator[Wrong]:
+def wrongs_of_channels(view: ComparedWindow) -> Iterator[Wrong]:
     """Those that can be tried beside any simulator."""
     for wrongs in (*channels.OF_ANY, clocks.channel_clocks):
         yield from wrongs(view)

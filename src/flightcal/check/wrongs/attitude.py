@@ -24,7 +24,7 @@ from ...scenario import (
 )
 from ...simulator import FloatArray
 from ...words import number
-from ..view import View
+from ..network_view import View
 from . import normals
 from .wrong import Words, Wrong, attitude_of, closer, driven_otherwise, elsewhere, minutes, off, span_of
 

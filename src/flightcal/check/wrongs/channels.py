@@ -11,9 +11,9 @@ import numpy as np
 from ...scenario import ICE_POINT, Scenario, SimulatorModel
 from ...simulator import FloatArray
 from ...words import listed, number
-from ..comparison import Comparison
+from ..compared_window import ComparedWindow
 from ..evidence import Fit, Scale
-from ..view import Moved, View
+from ..network_view import Moved, View
 from .wrong import Kind, Words, Wrong
 
 _BIASES = ((8.0, 0.8), (40.0, 0.2))
@@ -44,7 +44,7 @@ _MOST_NODES = 15
 """Of a network whose channels are tried at every node."""
 
 
-def biases(view: Comparison) -> Iterator[Wrong]:
+def biases(view: ComparedWindow) -> Iterator[Wrong]:
     """Each channel reads too high or too low by a constant."""
     t = len(view.rows.kept)
     for (k, channel), (size, often) in product(enumerate(view.channels), _BIASES):
@@ -70,14 +70,14 @@ def biases(view: Comparison) -> Iterator[Wrong]:
         )  # fmt: skip
 
 
-def _beside(view: Comparison, channel: str) -> list[str]:
+def _beside(view: ComparedWindow, channel: str) -> list[str]:
     """Other channels that read the same node."""
     of = view.window.scenario.observations
     node = of[channel].node
     return [other for other in view.channels if other != channel and node is not None and of[other].node == node]
 
 
-def gains(view: Comparison) -> Iterator[Wrong]:
+def gains(view: ComparedWindow) -> Iterator[Wrong]:
     """Each channel is so many times its temperature in degC."""
     for k, channel in enumerate(view.channels):
         column = view.misread(k, _GAIN * (view.modelled_of(k) - ICE_POINT))
@@ -98,7 +98,7 @@ def gains(view: Comparison) -> Iterator[Wrong]:
         )
 
 
-def curves(view: Comparison) -> Iterator[Wrong]:
+def curves(view: ComparedWindow) -> Iterator[Wrong]:
     """Each channel is right in the middle of what it reads, and as far off at both ends."""
     for k, channel in enumerate(view.channels):
         modelled = view.modelled_of(k)
@@ -119,7 +119,7 @@ def curves(view: Comparison) -> Iterator[Wrong]:
         yield Wrong("curve", channel, words, columns=column, least=_BEND / _CURVE, tries=len(view.channels))
 
 
-def drifts(view: Comparison) -> Iterator[Wrong]:
+def drifts(view: ComparedWindow) -> Iterator[Wrong]:
     """Each channel's readings drift away from the temperature at a constant rate."""
     seconds = view.rows.seconds
     for k, channel in enumerate(view.channels):
@@ -136,7 +136,7 @@ def drifts(view: Comparison) -> Iterator[Wrong]:
         yield Wrong("drift", channel, words, columns=column, least=1.0 / _DRIFT, tries=len(view.channels))
 
 
-def swaps(view: Comparison) -> Iterator[Wrong]:
+def swaps(view: ComparedWindow) -> Iterator[Wrong]:
     """Two or three channels are each other's, or all are their neighbours'."""
     pairs = list(combinations(range(len(view.channels)), 2))
     for a, b in pairs:
@@ -209,7 +209,7 @@ def _begun(view: View, channel: int, node: str) -> Moved:
     return ((entry, float(view.observed[valid[0], channel] / view.median[entry])),)
 
 
-def between(view: Comparison) -> Iterator[Wrong]:
+def between(view: ComparedWindow) -> Iterator[Wrong]:
     """A channel reads something between its node and another channel's: it is mounted there, or a mean."""
     for a, b in permutations(range(len(view.channels)), 2):
         channel, other = view.channels[a], view.channels[b]
@@ -233,7 +233,7 @@ def _drivers_of(scenario: Scenario, channel: str) -> list[str]:
     return list(dict.fromkeys(load.driver for load in loads if load.node == scenario.observations[channel].node))
 
 
-def unrelated(view: Comparison) -> Iterator[Wrong]:
+def unrelated(view: ComparedWindow) -> Iterator[Wrong]:
     """A channel that has nothing to do with its node: of another satellite, or of a broken sensor.
 
     Other channels have to agree without it.
@@ -268,7 +268,7 @@ _UNITS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], float, str]] = {
 }
 
 
-def units(view: Comparison) -> Iterator[Wrong]:
+def units(view: ComparedWindow) -> Iterator[Wrong]:
     """Channels in another unit, one or all."""
     observed, every = view.observed, range(len(view.channels))
     for change, factor, how in _UNITS.values():
@@ -285,12 +285,12 @@ def units(view: Comparison) -> Iterator[Wrong]:
             yield Wrong("unit", who, words, read, scale=scale, tries=len(_UNITS) * len(view.channels))
 
 
-def in_other_units(channel: str, read: FloatArray) -> Iterator[tuple[FloatArray, Words]]:
-    """Readings [T] K of a channel as they would be in another unit, the usual ones first, with words."""
+def in_other_units(channel: str, read: FloatArray) -> Iterator[tuple[FloatArray, Wrong]]:
+    """Readings [T] K of a channel as they would be in another unit, the usual ones first, with what was then wrong."""
     for change, _, how in _UNITS.values():
         changed = change(read)
         if np.isfinite(read).any() and _are_of_a_satellite(changed):
-            yield changed, _in_unit(channel, how, read, changed)
+            yield changed, Wrong("unit", channel, _in_unit(channel, how, read, changed))
 
 
 def _are_of_a_satellite(read: FloatArray) -> bool:

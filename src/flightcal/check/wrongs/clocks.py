@@ -15,9 +15,9 @@ from ...problem import Window, pinned_nodes
 from ...scenario import SpinningAttitude
 from ...simulator import FloatArray
 from ...words import listed, number
-from ..comparison import Comparison
+from ..compared_window import ComparedWindow
+from ..network_view import View
 from ..sunlight import FINE, REACH, ZONES
-from ..view import View
 from .wrong import (
     SHIFT,
     SHIFTS,
@@ -142,7 +142,7 @@ def _about_rate(view: View, share: float) -> Iterator[Wrong]:
         yield from rates(view, share * np.array([0.6, 0.8, 1.0, 1.25, 1.6]), float(late))
 
 
-def _few_shifts(view: Comparison) -> Sequence[float]:
+def _few_shifts(view: ComparedWindow) -> Sequence[float]:
     """Up to half an orbit: beyond, an orbit less is as good."""
     return (*_FEW_SHIFTS, *(far_shift for far_shift in _FAR_SHIFTS if abs(far_shift) <= 0.5 * view.window.period))
 
@@ -183,7 +183,7 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 
 def channel_clocks(
-    view: Comparison,
+    view: ComparedWindow,
     seconds: Sequence[float] | FloatArray | None = None,
     groups: Sequence[Sequence[str]] | None = None,
     apart: float = SHIFT,
@@ -213,7 +213,7 @@ def channel_clocks(
             yield Wrong("channel clock", " ".join(group), words, observed, tries=tries, smoothed=smoothed, closer=near)
 
 
-def _channels_like(view: Comparison, names: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
+def _channels_like(view: ComparedWindow, names: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
     """About as late, and as late with one more channel: those of one unit are late together."""
     yield from channel_clocks(view, closer(late, apart), [names], _NARROWER * apart)
     others = [name for name in _simulated(view) if name not in names]
@@ -222,14 +222,14 @@ def _channels_like(view: Comparison, names: Sequence[str], late: float, apart: f
         yield from channel_clocks(view, [late], [[*names, name] for name in others], apart)
 
 
-def _simulated(view: Comparison) -> list[str]:
+def _simulated(view: ComparedWindow) -> list[str]:
     """Channels of nodes that are not held at what is read there, whenever that is."""
     scenario = view.window.scenario
     held = pinned_nodes(scenario)
     return [name for name in view.channels if scenario.observations[name].node not in held]
 
 
-def _moved(view: Comparison, moved: FloatArray, places: Sequence[int]) -> FloatArray | None:
+def _moved(view: ComparedWindow, moved: FloatArray, places: Sequence[int]) -> FloatArray | None:
     """Telemetry [t, N] with some channels moved in time; None: too few of their samples are left."""
     observed = view.observed.copy()
     observed[:, places] = moved[:, places]
@@ -237,13 +237,13 @@ def _moved(view: Comparison, moved: FloatArray, places: Sequence[int]) -> FloatA
     return None if len(places) and left[places].min() < _LEFT * left.max() else observed
 
 
-def _enough(view: Comparison, observed: FloatArray | None) -> bool:
+def _enough(view: ComparedWindow, observed: FloatArray | None) -> bool:
     """Whether of all telemetry together enough is left to be compared, where all of it is moved."""
     return observed is None or bool(np.isfinite(observed).sum() >= _LEFT * np.isfinite(view.observed).sum())
 
 
 def clocks_as_read(
-    view: Comparison, seconds: Sequence[float] | FloatArray = SHIFTS, apart: float = SHIFT
+    view: ComparedWindow, seconds: Sequence[float] | FloatArray = SHIFTS, apart: float = SHIFT
 ) -> Iterator[Wrong]:
     """All time tags are late or early, up to half an orbit, where telemetry is moved and not what acts on a simulator.
 

@@ -15,8 +15,8 @@ from ...scenario import Heat, Load, load_coefficient
 from ...simulator import FloatArray
 from ...words import number
 from ..evidence import Fit
+from ..network_view import View, pieces
 from ..sunlight import FINE
-from ..view import View, pieces
 from .wrong import (
     AROUND,
     FACTORS,

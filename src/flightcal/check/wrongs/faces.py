@@ -13,7 +13,7 @@ from ...problem import Window
 from ...scenario import FaceNormal, Scenario, SunTracking, spins_fast
 from ...simulator import FloatArray, flux_kinds
 from ...words import listed
-from ..view import View
+from ..network_view import View
 from .normals import (
     ALONG,
     AXES,

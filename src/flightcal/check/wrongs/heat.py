@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...simulator import FloatArray
-from ...telemetry import status_or_unknown
+from ...telemetry import spells, status_or_unknown
 from ...words import listed, number
 from ..evidence import Fit
-from ..view import View, pieces
+from ..network_view import View, pieces
 from .wrong import LACKED, PIECES, SHIFTS, Words, Wrong, driven_otherwise, flow_through, minutes, off, status_channels
 
 _ALL_THE_TIME = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -247,10 +247,10 @@ def _burst(
     size = max(flow, 1.0)
     each = size * effects
     on, parted = upper(weights(each))
-    turns = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
     if on.mean() > _NOW_AND_THEN or parted < _PARTED:
         return
-    times = np.datetime_as_string(view.utc(edges[turns]), unit="m").reshape(-1, 2)
+    bursts = spells(on)
+    times = np.datetime_as_string(view.utc(edges[bursts]), unit="m")
     spans = [f"{first} to {last[11:]}" for first, last in times[:3].tolist()]
     when = listed(spans) + (f" and {len(times) - 3} more" if len(times) > 3 else "")
 
@@ -258,7 +258,7 @@ def _burst(
         power = number(size * float(fit.added[0]), 2)
         return _of_what_lacks(node, f"About {power} W come and go in {node}: {when} (UTC).")
 
-    tries = 2.0 * len(view.heat.nodes) * comb(PIECES, len(turns))
+    tries = 2.0 * len(view.heat.nodes) * comb(PIECES, bursts.size)
     effect = each @ on.astype(float)[:, None]
     yield Wrong("missing heat", node, words, columns=effect, least=LACKED * flow / size, lacked=True, tries=tries)
 

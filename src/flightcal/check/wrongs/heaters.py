@@ -12,9 +12,9 @@ import numpy as np
 from ...simulator import FloatArray
 from ...telemetry import status_fraction
 from ...words import number
-from ..comparison import known_thermostats
+from ..compared_window import known_thermostats
 from ..evidence import Fit
-from ..view import View
+from ..network_view import View
 from .heat import about_switches, by_temperature
 from .wrong import AROUND, FACTORS, FEW_TIMES, POWER, Words, Wrong, at_node, driven_otherwise, status_channels
 

@@ -13,7 +13,7 @@ from ...problem import PIN, Window
 from ...scenario import Face, FaceNormal
 from ...simulator import FloatArray, IntArray, ParameterMap, build_network
 from ...words import listed, number
-from ..view import NO_LINK, View
+from ..network_view import NO_LINK, View
 from .normals import WAYS, Shone, behind, looking, put_on, shone_on, times_of, turnable, written
 from .wrong import Words, Wrong
 

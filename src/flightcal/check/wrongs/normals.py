@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ...scenario import FaceNormal, SunTracking
 from ...simulator import FloatArray
-from ..view import View
+from ..network_view import View
 from .wrong import put
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -14,8 +14,8 @@ from ...environment import orbital_period
 from ...scenario import AttitudeTimeline, CircularOrbit, Earth, KeplerianOrbit, Orbit, SampledAttitude, TleOrbit
 from ...simulator import FloatArray
 from ...words import listed
+from ..network_view import View
 from ..sunlight import ZONES
-from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, elsewhere, minutes
 
 _STEPS = {

@@ -15,7 +15,7 @@ from ...errors import FlightcalError
 from ...scenario import AttitudeChange, AttitudeTimeline, spins_fast
 from ...simulator import FloatArray
 from ...words import listed
-from ..view import View, pieces
+from ..network_view import View, pieces
 from .wrong import Words, Wrong, attitude_of, driven_otherwise, elsewhere, shine, span_of
 
 _PIECES = 96

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ...simulator import FloatArray
-from ..view import Memory, View
+from ..network_view import Memory, View
 from .wrong import Words, Wrong, as_long, minutes
 
 _LAGS = (300.0, 900.0, 2700.0)

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 from ...scenario import ModeChange
 from ...simulator import FloatArray
-from ..view import View
+from ..network_view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off, span_of
 
 _LATE = tuple(sign * 60.0 * m for m in (4, 8, 12, 16, 20, 25, 30, 40, 50, 60, 90, 120) for sign in (-1.0, 1.0))

@@ -14,7 +14,7 @@ from ...scenario import ICE_POINT, OF_EARTH_AND_SUN, Environment
 from ...simulator import FloatArray
 from ...words import listed, number
 from ..evidence import Fit
-from ..view import NO_LINK, SHARES, Moved, View
+from ..network_view import NO_LINK, SHARES, Moved, View
 from .wrong import AROUND, FACTORS, FEW_TIMES, Words, Wrong
 
 _BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")

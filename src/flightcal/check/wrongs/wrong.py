@@ -15,10 +15,10 @@ from ...problem import Window
 from ...scenario import Attitude, Load, ModeChange, Scenario, load_driver
 from ...simulator import FloatArray, SimulationFailure, build_network, divided, in_steps
 from ...telemetry import driver_series, status_fraction
-from ..comparison import INFERRED
+from ..compared_window import INFERRED
 from ..evidence import AS_READ, Fit, Scale
+from ..network_view import Memory, Moved, View
 from ..sunlight import FINE, REACH
-from ..view import Memory, Moved, View
 
 Kind = Literal[
     "clock", "status clock", "channel clock", "driver clock", "bias", "swapped", "unit", "other node", "unrelated",

@@ -74,7 +74,7 @@ class Thermostat:
         return 0.5 * (beyond[0] + beyond[1])
 
 
-class Comparison:
+class ComparedWindow:
     """Telemetry of one window, as rows, beside what a model gives for them: what most wrongs of channels need."""
 
     telemetry: xarray.Dataset

@@ -15,7 +15,8 @@ from ..probability import CENTRAL
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Heat, HeatPattern, HeatSlow, settable
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
-from .comparison import INFERRED, Comparison, Rows, Thermostat, rows_of, thermostats
+from ..telemetry import spells
+from .compared_window import INFERRED, ComparedWindow, Rows, Thermostat, rows_of, thermostats
 from .sunlight import Sunlight
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
@@ -67,7 +68,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class View(Comparison):
+class View(ComparedWindow):
     """One window of a scenario, and its telemetry as rows."""
 
     problem: Problem
@@ -259,8 +260,7 @@ class View(Comparison):
     def _heat_in_gaps(self, window: Window, z: FloatArray, switch: int, heater: str) -> FloatArray:
         """[R, k] K of a heater's heat where its status has gaps, each in short pieces. Raises SimulationFailure."""
         block, drive = self.window.scenario.network.heaters[heater], self.network.drive
-        unknown = np.isnan(drive.measured[:, switch]).astype(int)
-        gaps = drive.times[np.flatnonzero(np.diff(unknown, prepend=0, append=0))].reshape(-1, 2)
+        gaps = drive.times[spells(np.isnan(drive.measured[:, switch]))]
         if block.node not in self.heat.nodes or not len(gaps):
             return np.empty((self.begun.shape[0], 0))
         edges = [np.linspace(first, last, int(np.ceil((last - first) / _PIECE)) + 1) for first, last in gaps]
