@@ -194,7 +194,7 @@ class Gaussian:
 
         At the size that is likeliest for the residuals as they are.
         """
-        size = self._likeliest(residual, None, AS_READ).size
+        size = min(self._likeliest(residual, None, AS_READ).size, self.sizes.index(1.0))
         white, variances = self._white(np.column_stack([self._finite(residual), effects]))[size]
         over = white[:, 1:] / variances[:, None]
         return over.T @ white[:, 0], over.T @ white[:, 1:]

@@ -24,6 +24,7 @@ from .suspicion import CLEAR
 from .wrongs import Wrong, all_wrongs
 from .wrongs.heat import now_and_then
 from .wrongs.pointing import otherwise_pointed
+from .wrongs.timeline import otherwise_in_mode
 
 _PROMISING = 2.0
 """Nats of a first look from which a wrong is looked at closely."""
@@ -153,7 +154,7 @@ def _is_nearer(view: View, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
 
 
 def _by_what_is_left(view: View, look: _Look) -> Iterator[Wrong]:
-    """What comes and goes where nothing wrong leaves something of the telemetry: heat, or another attitude."""
+    """What comes and goes where nothing wrong leaves something of the telemetry: heat, another attitude or mode."""
     point = look.around.point
     left = view.as_read - point.temperatures - look.back
 
@@ -167,6 +168,8 @@ def _by_what_is_left(view: View, look: _Look) -> Iterator[Wrong]:
         yield from now_and_then(view, point.z, weights)
     with suppress(SimulationFailure):
         yield from otherwise_pointed(view, point.z, nats)
+    with suppress(SimulationFailure):
+        yield from otherwise_in_mode(view, point.z, nats)
 
 
 def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[str] = ()) -> list[Wrong]:

@@ -6,7 +6,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from flightcal.check.wrongs.pointing import _PIECES, _likeliest
+from flightcal.check.wrongs.stretches import _PIECES, likeliest
 from tests import small
 
 from ..cases import boxed, named, pointed
@@ -62,7 +62,7 @@ def test_the_likeliest_stretches_are_those_that_explain_most_each_beside_the_oth
     there = np.zeros(2 * _PIECES)
     there[10:30], there[_PIECES + 50 : _PIECES + 55] = 1.0, 1.0
     residual = effects @ there + rng.standard_normal(4000)
-    found = _likeliest(effects.T @ residual, effects.T @ effects, 2, 20.0)
+    found = likeliest(effects.T @ residual, effects.T @ effects, 2, 20.0)
     assert found == [(0, 10, 30), (1, 50, 55)]
 
 
@@ -71,4 +71,4 @@ def test_where_no_attitude_explains_anything_there_is_no_stretch(nothing):
     rng = np.random.default_rng(5)
     effects = rng.standard_normal((4000, _PIECES))
     residual = nothing * rng.standard_normal(4000)
-    assert _likeliest(effects.T @ residual, effects.T @ effects, 1, 10.0) == []
+    assert likeliest(effects.T @ residual, effects.T @ effects, 1, 10.0) == []

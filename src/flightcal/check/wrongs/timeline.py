@@ -1,4 +1,4 @@
-"""One stretch of the timeline of modes that was flown at another time, or not at all."""
+"""What the timeline of modes says, and was not flown: a stretch at another time, or another mode for a while."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 from ...scenario import ModeChange
 from ...simulator import FloatArray
 from ..network_view import View
-from .wrong import Words, Wrong, closer, driven_otherwise, minutes, off, span_of
+from .stretches import Flown, Nats, Stretch, flown_otherwise
+from .wrong import Words, Wrong, brought, closer, driven_otherwise, minutes, off, span_of
 
 _LATE = tuple(sign * 60.0 * m for m in (4, 8, 12, 16, 20, 25, 30, 40, 50, 60, 90, 120) for sign in (-1.0, 1.0))
 """s, by which a stretch may be late or early."""
@@ -34,6 +36,45 @@ def stretches(view: View) -> Iterator[Wrong]:
     for k in inside:
         yield from _cancelled(view, k, tries)
         yield from _moved(view, k, tries)
+
+
+def otherwise_in_mode(view: View, z: FloatArray, nats: Nats) -> Iterator[Wrong]:
+    """Stretches of the window in another mode than the timeline says: a safe mode, or a timeline of another satellite.
+
+    Heat is the prior's median of what modes bring, z [d] where its effects are simulated. Raises SimulationFailure.
+    """
+    model, columns = view.window.scenario.network, view.network.network.columns
+    if not model.timeline:
+        return
+    inputs = view.network.drive.inputs
+    of_modes = [k for k, column in enumerate(columns) if column.startswith("mode.")]
+    flown, more = brought(view, inputs), {}
+    for mode in model.modes:
+        other = inputs.copy()
+        other[:, :, of_modes] = [float(columns[k] == f"mode.{mode}") for k in of_modes]
+        more[mode] = brought(view, other) - flown
+    was = Flown(
+        "mode",
+        "The satellite was in mode",
+        "in another mode",
+        "Check 'simulator: timeline' against what was flown",
+        partial(_with_stretches, model.timeline),
+    )
+    yield from flown_otherwise(view, z, more, nats, was)
+
+
+def _with_stretches(timeline: Sequence[ModeChange], stretches: Sequence[Stretch]) -> dict[str, Any]:
+    """A timeline with stretches in the place of what it says then."""
+    changes = list(timeline)
+    for stretch in stretches:
+        back = [change for change in changes if change.at <= stretch.end] or changes[:1]
+        changes = [change for change in changes if not stretch.begin <= change.at <= stretch.end]
+        changes += [
+            ModeChange(at=stretch.begin, mode=stretch.state),
+            ModeChange(at=stretch.end, mode=back[-1].mode),
+        ]
+        changes.sort(key=lambda change: change.at)
+    return {"timeline": tuple(changes)}
 
 
 def _usual(timeline: Sequence[ModeChange]) -> str | None:

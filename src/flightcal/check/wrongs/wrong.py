@@ -188,6 +188,16 @@ def shine(view: View, scenario: Scenario, inputs: FloatArray, grid: FloatArray) 
     put(inputs, view.network.network.columns, fine, view.sunlight.on_faces(scenario, fine), grid)
 
 
+def brought(view: View, inputs: FloatArray) -> FloatArray:
+    """[h, 2 K] W that inputs [K, 2, q] of steps bring to heated nodes, by what is known at the prior's median."""
+    network = view.network.network
+    series = dict(zip(network.columns, inputs.reshape(-1, inputs.shape[2]).T, strict=True))
+    heat = np.zeros((len(network.heated), 2 * len(inputs)))
+    for gain in view.heat.gains:
+        heat[network.heated.index(view.heat.nodes[gain.node])] += gain.flow(series)
+    return heat
+
+
 def driven_otherwise(
     kind: Kind,
     about: str,
