@@ -264,3 +264,24 @@ def test_a_panel_that_cools_in_a_short_eclipse_has_no_spike():
     values = np.full(200, 314.65)
     values[60:72] -= [0.5, 2.0, 9.5, 17.0, 19.0, 14.0, 7.0, 4.0, 2.0, 1.0, 0.5, 0.5]
     assert broken("array_temp", TIMES, values, np.full(200, np.nan)) is None
+
+
+@pytest.mark.parametrize("step", [0.2, 0.5])
+def test_negative_counts_that_are_read_without_a_sign_are_told(step):
+    """Below 0 degC a byte reads 256 counts more."""
+    rng = np.random.default_rng(5)
+    celsius = 6.0 * np.sin(np.arange(200) / 12.0) + 3.0 + rng.normal(0.0, 0.1, 200)
+    counts = np.round(celsius / step)
+    read = np.where(counts < 0.0, counts + 256.0, counts) * step + 273.15
+    suspicion = found(read, celsius + 273.15)
+    assert suspicion.suspicion.kind == "wrapped"
+    assert f"{256 * step:.3g} K, 256 of its steps" in suspicion.suspicion.sentence
+    assert (suspicion.useless == (counts < 0.0)).all()
+
+
+def test_a_step_that_is_no_whole_number_of_counts_is_not_told_as_one():
+    rng = np.random.default_rng(6)
+    celsius = np.round((3.0 + rng.normal(0.0, 0.3, 200)) / 0.2) * 0.2
+    celsius[60:90] += 47.0
+    told = found(celsius + 273.15)
+    assert told is None or told.suspicion.kind != "wrapped"

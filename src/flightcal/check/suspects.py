@@ -41,6 +41,8 @@ _RUN_ONLY = "the simulator is no thermal network, or a reduced one: it is run, a
 _LEFT_BY_RUNS, _FAR_BY_RUNS = 0.5, 8.0
 """What one wrong may lack, and how far a parameter may then be, beside a simulator that is only run (see `ranked`):
 where a wrong is put right, how it begins is linear there."""
+_OF_ROWS = 4
+"""Channels with spikes, from which rows are damaged, and not sensors."""
 _HELPS = 30.0
 """Nats from which what does not explain the telemetry there is worth a word."""
 _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
@@ -69,7 +71,7 @@ def suspects(
     except (FlightcalError, SimulationFailure) as error:
         view, why_not = None, str(error)
     seen = _seen(window.simulator.channels, window.times, window.observed, modelled)
-    of_channels = [broken_channel.suspicion for broken_channel in (*seen, *_elsewhere(problem, telemetry, seen))]
+    of_channels = _of_rows([channel.suspicion for channel in (*seen, *_elsewhere(problem, telemetry, seen))])
     of_status = [*copied(window), *exchanged(window)]
     turning = in_turns(window.simulator.channels, window.observed, modelled)
     known_broken = {broken_channel.suspicion.about for broken_channel in seen}
@@ -90,6 +92,23 @@ def suspects(
         return judged
     by_themselves = (suspicion for suspicion in judged.found if suspicion.nats is None)
     return replace(judged, found=(misread, *by_themselves), misfit=None)
+
+
+def _of_rows(of_channels: Sequence[Suspicion]) -> list[Suspicion]:
+    """What channels show by themselves, with spikes of many of them as one: whole rows are damaged then."""
+    spikes = [suspicion for suspicion in of_channels if suspicion.kind == "spike"]
+    names = list(dict.fromkeys(suspicion.about for suspicion in spikes))
+    if len(names) < _OF_ROWS:
+        return list(of_channels)
+    rows = Suspicion(
+        "spike",
+        " ".join(names),
+        f"{len(names)} channels have spikes",
+        f"Whole rows may be damaged. {names[0]}, for one: {spikes[0].sentence}",
+        "Find what tells damaged rows, as a checksum, and write it as 'valid_where' of the channels in 'telemetry: "
+        "channels'; else leave these rows out",
+    )
+    return [rows, *(suspicion for suspicion in of_channels if suspicion.kind != "spike")]
 
 
 def _seen(

@@ -180,3 +180,28 @@ def test_a_satellite_that_turns_to_the_sun_is_named(tmp_path, first, second, sai
     found = named(scenario, data)[0]
     assert found.title == f"The satellite flew {said}"
     assert "Write 'attitude: {aligned: {axis: " in found.advice
+
+
+def _aligned(first, second):
+    keys = ("axis", "towards")
+    return {"aligned": dict(zip(keys, first, strict=True)), "constrained": dict(zip(keys, second, strict=True))}
+
+
+@pytest.mark.parametrize(
+    ("flown", "written", "about"),
+    [
+        (([0, 0, 1], [1, 0, 0]), ([0, 0, 1], [-1, 0, 0]), "turned"),
+        pytest.param(([0, 0.5, 0.87], [1, 0, 0]), ([0, -0.5, 0.87], [1, 0, 0]), "tilted", marks=pytest.mark.slow),
+    ],
+    ids=["yaw steering with the other side to the Sun", "a roll to the other side"],
+)
+def test_an_axis_with_the_wrong_sign_is_named(tmp_path, flown, written, about):
+    content = boxed()
+    content["environment"]["orbit"]["ltan"] = "16:00"
+    content["environment"]["attitude"] = _aligned((flown[0], "nadir"), (flown[1], "sun"))
+    _, data = small.closed_loop(tmp_path, content)
+    content["environment"]["attitude"] = _aligned((written[0], "nadir"), (written[1], "sun"))
+    scenario, _ = small.load(tmp_path, content)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", about)
+    assert "the other way" in first.title

@@ -15,6 +15,17 @@ def test_the_sign_of_a_driver_is_named(flown):
     assert "sign" in first.title
 
 
+def test_a_load_that_follows_the_size_of_its_driver_is_named(tmp_path):
+    written = small.content()
+    scenario, data = small.load(tmp_path, written)
+    seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
+    charge = np.sin(seconds / 1500.0)
+    data = small.telemetry_of(scenario, spoilt(data, sun=np.abs(charge)))
+    first = named(scenario, spoilt(data, sun=charge))[0]
+    assert (first.kind, first.about) == ("driver", "sun size")
+    assert "absolute: true" in first.advice
+
+
 def test_a_driver_that_is_of_no_column_of_the_telemetry_is_named(tmp_path):
     scenario, data = small.load(tmp_path)
     seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")

@@ -53,10 +53,11 @@ def test_another_place_in_the_orbit_is_told_where_attitudes_come_at_times_of_the
 
 
 @pytest.mark.parametrize(("elements", "epoch", "how"), [
-    ("of a circle", "2024-02-29T00:00:00", "1 day later"), ("of a circle", "2023-03-02T00:00:00", "a year later"),
+    ("of a circle", "2024-02-29T00:00:00", "1 day later"), ("of a circle", "2024-02-20T00:00:00", "10 days later"),
+    ("of a circle", "2023-03-02T00:00:00", "a year later"),
     ("two lines", "", "1 day later"),
 ])  # fmt: skip
-def test_an_epoch_that_is_a_day_or_a_year_off_is_tried(tmp_path, elements, epoch, how):
+def test_an_epoch_that_is_days_or_a_year_off_is_tried(tmp_path, elements, epoch, how):
     written = boxed()
     if elements == "two lines":
         written["environment"]["orbit"] = {"tle": list(LINES)}

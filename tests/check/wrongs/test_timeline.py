@@ -42,6 +42,15 @@ def test_a_stretch_that_was_flown_otherwise_is_named(tmp_path, written, title):
     assert named(scenario, data)[0].title == title
 
 
+def test_the_timeline_of_another_satellite_is_told_by_what_was_flown(tmp_path):
+    _, data = small.closed_loop(tmp_path, satellite(FLOWN))
+    sisters = [(-1440, "idle"), (30, "busy"), (75, "idle"), (140, "busy"), (150, "idle")]
+    scenario, _ = small.load(tmp_path, satellite(sisters))
+    first = named(scenario, data)[0]
+    assert first.kind == "mode"
+    assert "in another mode than the scenario says" in first.title
+
+
 def test_a_right_timeline_is_not_suspected(tmp_path):
     scenario, data = small.closed_loop(tmp_path, satellite(FLOWN))
     assert named(scenario, data) == ()

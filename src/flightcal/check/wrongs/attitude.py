@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from datetime import datetime, timedelta
 from functools import partial
 from itertools import combinations, product
@@ -50,6 +50,8 @@ _FEWEST, _WORK = 50, 2e7
 """Samples that have a rhythm; samples times rates: of more, the beginning tells it."""
 _NAMED, _SELDOM = 2.0, 150.0
 """Attitudes that have a name, and others, each of which is ten times as seldom."""
+_TURNED = "turned"
+"""By half a turn about the first axis: that does the same as a tilt to the other side to what is alike fore and aft."""
 _Axis = tuple[float, float, float]
 
 
@@ -58,8 +60,9 @@ def attitudes(view: View) -> Iterator[Wrong]:
     written = attitude_of(view)
     if written is None:
         return
+    flipped = [other for other, *_ in _mirrored(written)] if isinstance(written, AlignedAttitude) else []
     for attitude, text in _OTHERS.items():
-        if attitude == written:
+        if attitude == written or attitude in flipped:
             continue
         as_written = _as_written(attitude)
         words = Words(
@@ -67,7 +70,9 @@ def attitudes(view: View) -> Iterator[Wrong]:
             f"With the attitude {as_written}, sunlight and Earth's heat explain the telemetry.",
             f"Write 'attitude: {as_written}' in 'environment', or check the quaternions",
         )
-        about, tries = (as_written, _NAMED) if isinstance(attitude, str) else (text, _SELDOM)
+        # What points two axes by their names is seldom another attitude altogether.
+        is_usual = isinstance(attitude, str) and not isinstance(written, AlignedAttitude)
+        about, tries = as_written if isinstance(attitude, str) else text, _NAMED if is_usual else _SELDOM
         scenario = elsewhere(view, attitude=attitude)
         yield from driven_otherwise("attitude", about, words, view, tries=tries, scenario=scenario)
 
@@ -105,6 +110,49 @@ _OTHERS: dict[str | AlignedAttitude, str] = {
     },
 }
 """Attitudes that satellites have, in words: yaw steering, and each side to the Sun."""
+
+
+def mirrored(view: View) -> Iterator[Wrong]:
+    """An attitude of two axes is turned, or tilted, the other way: an axis has the wrong sign."""
+    written = attitude_of(view)
+    found: dict[str, Any] = {"": written}
+    if isinstance(written, AttitudeTimeline):
+        found = dict(written.named)
+    aligned = {name: kind for name, kind in found.items() if isinstance(kind, AlignedAttitude)}
+    for name, attitude in aligned.items():
+        subject = f"'{name}'" if name else "The satellite"
+        where = f"'{name}'" if name else "'environment: attitude'"
+        for other, how, pointing in _mirrored(attitude):
+            words = Words(
+                f"{subject} is {how} the other way",
+                f"With the axis {normals.written(pointing.axis)} towards {pointing.towards}, sunlight and Earth's heat "
+                "explain the telemetry.",
+                f"Check the sign of 'axis' towards {pointing.towards} in {where}",
+            )
+            changed: dict[str, Any] = {"attitude": other}
+            if isinstance(written, AttitudeTimeline):
+                changed = {"attitude": written.model_copy(update={"named": {**written.named, name: other}})}
+            yield from driven_otherwise(
+                "attitude", f"{name} {how}".strip(), words, view, tries=len(aligned) * (2.0 if how == _TURNED else 1.0),
+                scenario=elsewhere(view, **changed),
+            )  # fmt: skip
+
+
+def _mirrored(attitude: AlignedAttitude) -> Iterator[tuple[AlignedAttitude, str, Pointing]]:
+    """An attitude with one of its axes the other way, how that turns it, and that axis."""
+    second = _flipped(attitude.constrained, range(3))
+    yield attitude.model_copy(update={"constrained": second}), _TURNED, second
+    largest = int(np.argmax(np.abs(attitude.aligned.axis)))
+    others = [k for k in range(3) if k != largest]
+    if any(attitude.aligned.axis[k] for k in others):
+        first = _flipped(attitude.aligned, others)
+        yield attitude.model_copy(update={"aligned": first}), "tilted", first
+
+
+def _flipped(pointing: Pointing, places: Collection[int]) -> Pointing:
+    """With some of the numbers of its axis the other way."""
+    axis = tuple(-value if k in places and value else value for k, value in enumerate(pointing.axis))
+    return pointing.model_copy(update={"axis": axis})
 
 
 def quaternions(view: View) -> Iterator[Wrong]:
@@ -367,5 +415,5 @@ def _with_timeline(view: View, attitude: AttitudeTimeline, changes: tuple[Any, .
     return elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
 
 
-WRONGS = (attitudes, quaternions, timelines, slews, pointings, spins)
+WRONGS = (attitudes, mirrored, quaternions, timelines, slews, pointings, spins)
 """What looks for them."""

@@ -67,6 +67,22 @@ def drivers(view: View) -> Iterator[Wrong]:
             # Beside much too much heat a little looks like none.
             near = partial(_driver_times, view, name, column, FACTORS[:3], len(loads)) if factor == 0.0 else None
             yield Wrong("driver", load.driver, words, window=window, tries=tries, closer=near)
+        yield from _by_its_size(view, name, column, _OF_UNIT * len(loads))
+
+
+def _by_its_size(view: View, load: str, column: int, tries: float) -> Iterator[Wrong]:
+    """A load is as large as its driver, whichever way that goes: a battery loses heat while it charges, too."""
+    block, inputs = view.window.scenario.network.loads[load], view.network.drive.inputs
+    if block.table or not inputs[:, :, column].min() < 0.0 < inputs[:, :, column].max():
+        return
+    words = Words(
+        f"Load {load} follows the size of {block.driver}, whatever its sign",
+        f"With {block.driver} as heat both below and above zero, the model explains the telemetry.",
+        f"Write 'absolute: true' in load {load}",
+    )
+    sized = inputs.copy()
+    sized[:, :, column] = np.abs(sized[:, :, column])
+    yield Wrong("driver", f"{block.driver} size", words, window=view.with_inputs(sized), tries=tries)
 
 
 def _with_driver(view: View, column: int, factor: float) -> Window:

@@ -53,11 +53,9 @@ _ANGLES = ("inclination", "raan", "argument_of_perigee", "mean_anomaly", "argume
 """Keys that may be taken for one another."""
 _OF_A_PLACE = ("epoch", "argument_of_latitude", "mean_anomaly", "tle", "positions")
 """Keys that say where in its orbit the satellite is."""
-_EPOCHS = {
-    "2 days earlier": -2.0, "1 day earlier": -1.0, "0.5 days earlier": -0.5, "0.5 days later": 0.5, "1 day later": 1.0,
-    "2 days later": 2.0, "a year earlier": -365.0, "a year later": 365.0,
-}  # fmt: skip
-"""By how many days an epoch is off; two-line elements of another year are refused."""
+_BOTH = (-1.0, 1.0)
+_EPOCHS = tuple(sign * days for days in (0.5, *map(float, range(1, 15)), 21.0, 30.0, 365.0) for sign in _BOTH)
+"""By how many days an epoch is off: elements of another day; two-line elements of another year are refused."""
 _EQUATORIAL = 0.1
 """Sine of an inclination, below which the node and a place in the orbit are all but the same."""
 _ABOUT = 90.0
@@ -212,7 +210,9 @@ def epochs(view: View) -> Iterator[Wrong]:
     orbit = view.window.scenario.environment.orbit
     if not isinstance(orbit, CircularOrbit | KeplerianOrbit | TleOrbit) or not view.window.scenario.network.faces:
         return
-    for how, days in _EPOCHS.items():
+    for days in _EPOCHS:
+        how = "a year" if abs(days) == 365.0 else f"{abs(days):g} day{'s' if abs(days) != 1.0 else ''}"
+        how += " earlier" if days < 0.0 else " later"
         update: dict[str, Any]
         if isinstance(orbit, TleOrbit):
             update, text = {"tle": _of_another_day(orbit.tle, days)}, "the first line"

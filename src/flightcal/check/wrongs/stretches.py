@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from itertools import pairwise, product
+from itertools import chain, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -107,9 +107,8 @@ def likeliest(b: FloatArray, inner: FloatArray, states: int, least: float) -> li
     found: dict[int, tuple[float, list[tuple[int, int, int]]]] = {}
     for state in (_AS_WRITTEN, *range(states)):
         flown = _that_differs(inner, np.where(np.arange(_PIECES) < _FIRST, _AS_WRITTEN, state))
-        for _ in _moves(b, inner, states, flown, _FREELY * least, _MANY):
-            pass
-        for gained in _moves(b, inner, states, flown, least, _MOST):
+        freely = _moves(b, inner, states, flown, _FREELY * least, _MANY)
+        for gained in chain(freely, _moves(b, inner, states, flown, least, _MOST)):
             stretches = _runs(flown)
             if len(stretches) <= _MOST and gained > found.get(len(stretches), (0.0, []))[0]:
                 found[len(stretches)] = gained, stretches

@@ -294,7 +294,7 @@ def prior_conflict(run: RunFiles) -> Finding:
         return Finding("none", "Priors are not compared", "The run does not say where posteriors lie in their priors.")
     guessed = [info.name for info in run.parameters if not info.observed and info.name in out_by]
     believed = {name: score for name, score in out_by.items() if name not in guessed}
-    conflict = _conflict(believed)
+    conflict = _conflict(believed, [name for name in believed if kinds[name] == "parameter"])
     if conflict is not None:
         state, named = conflict
         text = (
@@ -393,12 +393,16 @@ def lasting_noise(run: RunFiles) -> list[Finding]:
     return [Finding("warn", title, text, not_for=("intervals of parameters",), then=CHECK)]
 
 
-def _conflict(out_by: dict[str, PriorScore]) -> tuple[State, list[str]] | None:
-    """How bad it is that normal scores are so far out, and which are to be named; None: as is to be expected."""
+def _conflict(out_by: dict[str, PriorScore], parameters: Sequence[str] = ()) -> tuple[State, list[str]] | None:
+    """How bad it is that normal scores are so far out, and which are to be named; None: as is to be expected.
+
+    parameters: those of them, which are judged beside each other: what is believed of them is seldom a mere guess.
+    """
     if not out_by:
         return None
     by_usual = {name: abs(prior_score.prior_score) / prior_score.usual_score for name, prior_score in out_by.items()}
-    alone = {name: 2.0 * float(norm.sf(score)) * len(out_by) for name, score in by_usual.items()}
+    beside = {name: len(parameters) if name in parameters else len(out_by) for name in out_by}
+    alone = {name: 2.0 * float(norm.sf(score)) * beside[name] for name, score in by_usual.items()}
     together = float(chi2.sf(sum(prior_score.prior_score**2 for prior_score in out_by.values()), len(out_by)))
     order = sorted(out_by, key=lambda name: -by_usual[name])
     off = [name for name in order if alone[name] < OFF]
