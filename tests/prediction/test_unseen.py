@@ -12,7 +12,7 @@ from flightcal.problem import build_window
 from flightcal.run import write_netcdf
 
 from .. import small
-from ..check.cases import sunlit
+from ..check.cases import boxed, sunlit
 
 
 def written(**more):
@@ -40,6 +40,22 @@ def test_a_mode_that_training_lacked_has_its_share_of_the_windows_time(tmp_path)
     train, test = windows_of(tmp_path, written())
     found = shares(unseen([train], test))
     assert found == pytest.approx({ANY: 0.25, "mode imaging": 0.25}, abs=1e-12)
+
+
+def test_an_attitude_that_training_lacked_is_named(tmp_path):
+    content = boxed() | {"windows": small.content()["windows"]}
+    roll = {
+        "aligned": {"axis": [0, 0.5, 0.87], "towards": "nadir"},
+        "constrained": {"axis": [1, 0, 0], "towards": "velocity"},
+    }
+    changes = [("2024-02-29T00:00:00", "nadir"), ("2024-03-01T04:00:00", "roll"), ("2024-03-01T04:45:00", "nadir")]
+    content["environment"]["attitude"] = {
+        "named": {"roll": roll},
+        "timeline": [{"at": at, "attitude": attitude} for at, attitude in changes],
+    }
+    train, test = windows_of(tmp_path, content)
+    assert shares(unseen([train], test))["attitude roll"] == pytest.approx(0.25, abs=0.01)
+    assert "attitude roll" not in shares(unseen([train, test], test))
 
 
 def test_nothing_is_unseen_of_a_window_that_was_trained_on_or_is_like_it(tmp_path):

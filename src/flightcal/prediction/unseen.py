@@ -1,4 +1,4 @@
-"""Where a window lies outside of what was trained on: modes, powers, sunlight, temperatures, by name."""
+"""Where a window lies outside of what was trained on: modes, attitudes, powers, sunlight, temperatures, by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..environment import orbit_phase, seconds_later, sunlit_share
 from ..problem import Window
 from ..run import read_tree
-from ..scenario import heat_of
+from ..scenario import AttitudeTimeline, heat_of
 from ..simulator import FloatArray
 
 AGES = 30.0
@@ -53,9 +53,10 @@ class Unseen:
 def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = None) -> tuple[Unseen, ...]:
     """What of a window of a thermal network was not trained on, the largest share of its time first.
 
-    Modes that training lacks; the driver that heat is over, powers, sunlight on faces and boundary temperatures outside
-    of its range; sunlight where in the orbit it had none, and the other way round; with mean [T, N], K, temperatures
-    that are predicted outside of the telemetry's range. Shares below 0.5% are left out. Empty where all is as it was.
+    Modes and attitudes that training lacks; the driver that heat is over, powers, sunlight on faces and boundary
+    temperatures outside of its range; sunlight where in the orbit it had none, and the other way round; with mean
+    [T, N], K, temperatures that are predicted outside of the telemetry's range. Shares below 0.5% are left out. Empty
+    where all is as it was.
     """
     if not window.is_network:
         return ()
@@ -70,6 +71,7 @@ def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = 
             least = _GRAZING if kind == "solar" else 0.0
             new = (values > 0.5) & ~(before > 0.5).any() if kind == "mode" else _beyond(values, before, wider, least)
             outside[f"{_WORDS[kind]} {which}"] = new
+    outside |= _attitudes(trained, window)
     outside |= _course(trained, window)
     outside |= _sun(trained, window)
     if mean is not None:
@@ -125,6 +127,23 @@ def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None, 
     if wider is None:
         wider = max(_WIDER * (high - low), _HARDLY * max(abs(low), abs(high)), least)
     return np.asarray((values < low - wider) | (values > high + wider))
+
+
+def _attitudes(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
+    """Where a timeline has attitudes that training had not."""
+    flown, known = _flown(window), {name for before in trained if before.is_network for name in _flown(before).tolist()}
+    return {f"attitude {name}": flown == name for name in dict.fromkeys(flown.tolist()) if name not in known}
+
+
+def _flown(window: Window) -> NDArray[np.str_]:
+    """The attitude's name in a timeline at each place [P]; empty where there is no timeline, or one without names."""
+    attitude = window.scenario.environment.attitude
+    if not isinstance(attitude, AttitudeTimeline):
+        return np.empty(0, str)
+    changes = np.array([change.at for change in attitude.timeline], "datetime64[ns]")
+    names = [change.attitude if isinstance(change.attitude, str) else "" for change in attitude.timeline]
+    places = np.maximum(np.searchsorted(changes, _times(window), side="right") - 1, 0)
+    return np.array(names)[places] if all(names) else np.empty(0, str)
 
 
 def _course(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
