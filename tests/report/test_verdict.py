@@ -130,16 +130,20 @@ def test_intervals_that_hold_are_told_with_the_least_that_they_cover_and_what_tr
     assert told.state == "good"
 
 
-def test_a_share_far_below_the_intervals_is_told_with_what_chance_may_leave(run, monkeypatch):
+@pytest.mark.parametrize(
+    ("least", "chance"),
+    [(0.55, "where chance may leave 55.0%"), (0.0, "which so short a window may leave by chance")],
+)
+def test_a_share_far_below_the_intervals_is_told_with_what_chance_may_leave(run, monkeypatch, least, chance):
     few = {
-        name: dataclasses.replace(own, coverage=np.full(3, 0.7), lower=np.full(3, 0.55))
+        name: dataclasses.replace(own, coverage=np.full(3, 0.7), lower=np.full(3, least))
         for name, own in holdings(fitted(run)).items()
     }
     monkeypatch.setattr(unseen, "holdings", lambda _: few)
     told = unseen.holding(run)
     assert (told.state, told.title) == (
         "good",
-        "Intervals hold on “test”, in every channel: 70.0% inside or more, where chance may leave 55.0%",
+        f"Intervals hold on “test”, in every channel: 70.0% inside or more, {chance}",
     )
 
 

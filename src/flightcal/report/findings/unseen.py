@@ -135,7 +135,8 @@ def _holds(windows: Mapping[str, xr.Dataset], cases: Sequence[_Case], text: str,
     lowest = min(cases, key=lambda case: (case.share, case.least))
     title = f"Intervals hold on {over}, in every channel: {percent(lowest.share)} inside or more"
     if lowest.share < _FEW:
-        title += f", where chance may leave {percent(lowest.least)}"
+        by_chance = f"where chance may leave {percent(lowest.least)}"
+        title += f", {by_chance if lowest.least > 1.0 - STRIKING else 'which so short a window may leave by chance'}"
     farthest = max(windows, key=lambda name: unseen_share(windows[name]))
     return Finding("good", title + _outside(windows[farthest], f"“{farthest}”"), text, details)
 
