@@ -62,6 +62,8 @@ def reach(checked: Checked) -> list[Finding]:
             f"{p.name} {best} {checked.value(p.name, p.theta)}, {_tail(p.probability)} of its prior."
             for p in predictive.pressed
         )
+        if checked.heat is not None:
+            text += " This search knows of no unmodelled heat. A calibration does, and may well not go there."
         title = f"The telemetry pulls {listed([p.name for p in predictive.pressed])} to the edge of the prior"
         found.append(Finding("warn", title, text))
     if not found:
