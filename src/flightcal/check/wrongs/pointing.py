@@ -12,7 +12,7 @@ from ...errors import FlightcalError
 from ...scenario import AttitudeChange, AttitudeTimeline, spins_fast
 from ...simulator import FloatArray
 from ..network_view import View
-from .stretches import Flown, Nats, Stretch, flown_otherwise
+from .stretches import Flown, Nats, Stretch, flown_otherwise, with_stretches
 from .wrong import Wrong, attitude_of, brought, elsewhere, shine, span_of
 
 
@@ -66,13 +66,5 @@ def _absorbed(view: View, attitude: AttitudeTimeline) -> FloatArray:
 
 def _driven(view: View, attitude: AttitudeTimeline, stretches: Sequence[Stretch]) -> dict[str, Any]:
     """With stretches in the place of what was there."""
-    changes = list(attitude.timeline)
-    for stretch in stretches:
-        back = [change for change in changes if change.at <= stretch.end] or changes[:1]
-        changes = [change for change in changes if not stretch.begin <= change.at <= stretch.end]
-        changes += [
-            AttitudeChange(at=stretch.begin, attitude=stretch.state),
-            AttitudeChange(at=stretch.end, attitude=back[-1].attitude),
-        ]
-        changes.sort(key=lambda change: change.at)
-    return {"scenario": elsewhere(view, attitude=attitude.model_copy(update={"timeline": tuple(changes)}))}
+    changes = with_stretches(attitude.timeline, stretches, AttitudeChange, "attitude")
+    return {"scenario": elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))}

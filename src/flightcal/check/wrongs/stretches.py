@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from itertools import chain, pairwise, product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...scenario import AttitudeChange, ModeChange
 from ...simulator import FloatArray
 from ...words import listed
 from ..network_view import View, pieces
@@ -34,6 +35,7 @@ _AS_WRITTEN = -1
 _ENDS = (2.0, 1.0, 0.5, 0.25)
 """Of a piece, by which the ends of a stretch are tried earlier and later."""
 
+Change = TypeVar("Change", AttitudeChange, ModeChange)
 Nats = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Of known effects [R, k] K that a simulation lacks, b [k] and G [k, k]: with those of u, 0 or 1 each, the telemetry is
 more probable by b u - u G u / 2 nats."""
@@ -231,3 +233,17 @@ def _told(view: View, flown: Flown, stretches: tuple[Stretch, ...], tries: float
 
     about = "stretch " + " ".join(dict.fromkeys(stretch.state for stretch in stretches))
     yield from driven_otherwise(flown.kind, about, words, view, tries=tries, closer=near, **flown.driven(stretches))
+
+
+def with_stretches(
+    timeline: Sequence[Change], stretches: Sequence[Stretch], kind: type[Change], key: str
+) -> tuple[Change, ...]:
+    """A timeline with stretches in the place of what it says. kind: of its changes, whose state is called `key`."""
+    changes = list(timeline)
+    for stretch in stretches:
+        back = [change for change in changes if change.at <= stretch.end] or changes[:1]
+        changes = [change for change in changes if not stretch.begin <= change.at <= stretch.end]
+        changes.append(kind(**{"at": stretch.begin, key: stretch.state}))
+        changes.append(kind(**{"at": stretch.end, key: getattr(back[-1], key)}))
+        changes.sort(key=lambda change: change.at)
+    return tuple(changes)

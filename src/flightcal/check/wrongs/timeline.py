@@ -11,7 +11,7 @@ from typing import Any
 from ...scenario import ModeChange
 from ...simulator import FloatArray
 from ..network_view import View
-from .stretches import Flown, Nats, Stretch, flown_otherwise
+from .stretches import Flown, Nats, Stretch, flown_otherwise, with_stretches
 from .wrong import Words, Wrong, brought, closer, driven_otherwise, minutes, off, span_of
 
 _LATE = tuple(sign * 60.0 * m for m in (4, 8, 12, 16, 20, 25, 30, 40, 50, 60, 90, 120) for sign in (-1.0, 1.0))
@@ -65,16 +65,7 @@ def otherwise_in_mode(view: View, z: FloatArray, nats: Nats) -> Iterator[Wrong]:
 
 def _with_stretches(timeline: Sequence[ModeChange], stretches: Sequence[Stretch]) -> dict[str, Any]:
     """A timeline with stretches in the place of what it says then."""
-    changes = list(timeline)
-    for stretch in stretches:
-        back = [change for change in changes if change.at <= stretch.end] or changes[:1]
-        changes = [change for change in changes if not stretch.begin <= change.at <= stretch.end]
-        changes += [
-            ModeChange(at=stretch.begin, mode=stretch.state),
-            ModeChange(at=stretch.end, mode=back[-1].mode),
-        ]
-        changes.sort(key=lambda change: change.at)
-    return {"timeline": tuple(changes)}
+    return {"timeline": with_stretches(timeline, stretches, ModeChange, "mode")}
 
 
 def _usual(timeline: Sequence[ModeChange]) -> str | None:
