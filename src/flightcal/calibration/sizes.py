@@ -199,8 +199,8 @@ class Around:
         gram, moment = np.tensordot(precision, self.gram, 1), precision @ self.moment
         covariance = np.linalg.inv(np.eye(len(roots)) + roots[:, None] * gram * roots)
         mean, m = roots * (covariance @ (roots * moment)), len(self.scale)
-        covered = self.deviation[:, None] * covariance[m:, m:] * self.deviation
-        return self.mean + mean[m:], np.asarray(np.linalg.cholesky(0.5 * (covered + covered.T)), float)
+        of_sizes = self.deviation[:, None] * covariance[m:, m:] * self.deviation
+        return self.mean + mean[m:], np.asarray(np.linalg.cholesky(0.5 * (of_sizes + of_sizes.T)), float)
 
     def known_heat(self, sizes: FloatArray) -> FloatArray:
         """[q] deviations of z of what is simulated if the heat were known."""

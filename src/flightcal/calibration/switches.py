@@ -101,12 +101,12 @@ def _read(window: Window, left: FloatArray, heater: str, times: FloatArray) -> t
     left: [T, N] K, telemetry minus simulation. A sensor without telemetry is nowhere known to be far.
     """
     sensor, channels = window.scenario.network.switches[heater].sensor, window.simulator.channels
-    told_apart = [k for k, channel in enumerate(channels) if window.scenario.observations[channel].node == sensor]
-    known = np.flatnonzero(np.isfinite(left[:, told_apart[0]])) if told_apart else np.empty(0, np.int64)
+    of_sensor = [k for k, channel in enumerate(channels) if window.scenario.observations[channel].node == sensor]
+    known = np.flatnonzero(np.isfinite(left[:, of_sensor[0]])) if of_sensor else np.empty(0, np.int64)
     if not len(known):
         return np.zeros(len(times)), np.inf
-    noise = quiet_noise(window.observed[known, told_apart[0]])
-    return np.interp(times, window.network.observation.times[known], left[known, told_apart[0]]), _NOISES * noise
+    noise = quiet_noise(window.observed[known, of_sensor[0]])
+    return np.interp(times, window.network.observation.times[known], left[known, of_sensor[0]]), _NOISES * noise
 
 
 def by_sensor(reads: FloatArray, lower: float, upper: float, near: float, first: bool) -> Bools:

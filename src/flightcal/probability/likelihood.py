@@ -401,16 +401,16 @@ def information(
     ones, [q, d]; numbers and variances as in `Likelihood`. The shapes stand beside the coordinates at first.
     """
     shapes, (channels, _), d = residuals[0].shapes, numbers[0].shape, derivatives[0].shape[1]
-    private, shared = (0, shapes.basis.shape[1]) if len(residuals) > 1 else (shapes.basis.shape[1], 0)
-    in_all = np.concatenate([_prior_variances(residuals[0], numbers[0])[:, private:].ravel(), *variances])
+    of_each, shared = (0, shapes.basis.shape[1]) if len(residuals) > 1 else (shapes.basis.shape[1], 0)
+    in_all = np.concatenate([_prior_variances(residuals[0], numbers[0])[:, of_each:].ravel(), *variances])
     total, of_window = np.zeros((d + len(in_all),) * 2), d + channels * shared
     for window, jacobian, derivative, of_noise, of_error in zip(
         residuals, jacobians, derivatives, numbers, variances, strict=True
     ):
         q, errors = jacobian.shape[2], len(of_error)
-        alone = _prior_variances(window, of_noise)[:, :private]
-        basis = np.broadcast_to(window.shapes.basis[:, None], (*jacobian.shape[:2], private + shared))
-        parts = [jacobian, basis[..., private:], *([window.shapes.errors] if errors else []), basis[..., :private]]
+        alone = _prior_variances(window, of_noise)[:, :of_each]
+        basis = np.broadcast_to(window.shapes.basis[:, None], (*jacobian.shape[:2], of_each + shared))
+        parts = [jacobian, basis[..., of_each:], *([window.shapes.errors] if errors else []), basis[..., :of_each]]
         columns = np.where(window.valid.T[..., None], np.concatenate(parts, axis=2), 0.0)
         products = columns.transpose(1, 2, 0) @ _weighed(window, columns, of_noise).transpose(1, 0, 2)
         for k in range(channels):
