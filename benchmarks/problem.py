@@ -224,10 +224,10 @@ def drives_of_peers(problem: Problem) -> tuple[Drive, Drive]:
         window.times,
         period=period,
     )
-    own = window.simulator.drive
+    drive = window.simulator.drive
     grids = [np.union1d(times, window.simulator.observation.times) for times in (inputs.breaks, inputs.times)]
     values = [np.stack([np.interp(grid, inputs.times, row) for row in inputs.values], axis=1) for grid in grids]
     return tuple(  # type: ignore[return-value]
-        Drive(grid, np.stack([at[:-1], at[1:]], axis=1), np.full((len(grid) - 1, 1), np.nan), own.initially_on)
+        Drive(grid, np.stack([at[:-1], at[1:]], axis=1), np.full((len(grid) - 1, 1), np.nan), drive.initially_on)
         for grid, at in zip(grids, values, strict=True)
     )

@@ -36,4 +36,4 @@ def looked_at(written: Mapping[str, Any], table: pd.DataFrame) -> Suspects:
 def not_well(verdict: Verdict, *states: str) -> tuple[str, ...]:
     """Titles of what is in one of these states, in their order."""
     found = [finding for answer in verdict.answers for finding in answer.findings]
-    return tuple(own.title for state in states for own in found if own.state == state)
+    return tuple(one.title for state in states for one in found if one.state == state)

@@ -52,20 +52,20 @@ def main() -> int:
     parser.add_argument("--correct", type=int, default=20, help="correct satellites")
     parser.add_argument("--only", nargs="*", default=[], help="set-ups whose name has one of these words")
     given = parser.parse_args()
-    chosen = [own for own in SETUPS if not given.only or any(word in own.name for word in given.only)]
+    chosen = [setup for setup in SETUPS if not given.only or any(word in setup.name for word in given.only)]
     results = [_said(result(setup, *setup.satellite(given.seed))) for setup in chosen]
     right = range(_CORRECT, _CORRECT + given.correct)
     correct = [_said(result(None, number, case_of(given.seed, number))) for number in right]
-    share = sum(own.right for own in results) / max(len(results), 1)
-    cried = sum(not own.right for own in correct)
+    share = sum(result.right for result in results) / max(len(results), 1)
+    cried = sum(not result.right for result in correct)
     print(f"named first: {share:.0%} of {len(results)}; suspected though correct: {cried} of {len(correct)}")
     return int(share < 0.8 or 20 * cried > len(correct))
 
 
-def _said(own: Result) -> Result:
-    mark = "right" if own.right else "WRONG"
-    print(f"{own.setup:34} {own.satellite:4d}  {mark:5}  {own.seconds:5.1f} s  {own.named}", flush=True)
-    return own
+def _said(result: Result) -> Result:
+    mark = "right" if result.right else "WRONG"
+    print(f"{result.setup:34} {result.satellite:4d}  {mark:5}  {result.seconds:5.1f} s  {result.named}", flush=True)
+    return result
 
 
 if __name__ == "__main__":

@@ -70,22 +70,24 @@ def main() -> int:
     parser.add_argument("--correct", type=int, default=20, help="correct satellites")
     parser.add_argument("--only", nargs="*", default=[], help="set-ups whose name has one of these words")
     given, _ = parser.parse_known_args()
-    chosen = [own for own in SETUPS if not given.only or any(word in own.name for word in given.only)]
+    chosen = [setup for setup in SETUPS if not given.only or any(word in setup.name for word in given.only)]
     numbers = islice((k for k in count(_CORRECT) if KINDS[k % len(KINDS)] != "slow drift"), given.correct)
     results = [_said(ended(None, k, case_of(given.seed, k))) for k in numbers]
     results += [_said(ended(setup, *setup.satellite(given.seed))) for setup in chosen]
-    wrong = [own for own in results if own.setup != "correct"]
-    passed = sum(not own.right for own in wrong)
-    failed = sum(not own.right for own in results) - passed
+    wrong = [result for result in results if result.setup != "correct"]
+    passed = sum(not result.right for result in wrong)
+    failed = sum(not result.right for result in results) - passed
     print(f"exit code 0: {passed} of {len(wrong)} wrong set-ups, {given.correct - failed} of {given.correct} correct")
     return passed + max(0, failed - given.correct // 20)
 
 
-def _said(own: Ended) -> Ended:
-    why = "; ".join(own.why[:3])[:150]
-    mark = "" if own.right else "WRONG"
-    print(f"{own.setup:34} {own.satellite:4d}  exit {own.code} {mark:5} {own.seconds:5.0f} s  {why}", flush=True)
-    return own
+def _said(ended: Ended) -> Ended:
+    why = "; ".join(ended.why[:3])[:150]
+    mark = "" if ended.right else "WRONG"
+    print(
+        f"{ended.setup:34} {ended.satellite:4d}  exit {ended.code} {mark:5} {ended.seconds:5.0f} s  {why}", flush=True
+    )
+    return ended
 
 
 if __name__ == "__main__":

@@ -45,10 +45,10 @@ def main() -> None:
                 print(f"{name:14} {variant.group:9} {variant.name:34} {line}", flush=True)
 
 
-def _first(own: Satellite, variant: Variant) -> str:
+def _first(satellite: Satellite, variant: Variant) -> str:
     begin = time.perf_counter()
     try:
-        made = variant.make(own)
+        made = variant.make(satellite)
         found = looked_at(made.scenario, made.table)
     except FlightcalError as error:
         return f"error: {error}"[:150]
@@ -60,33 +60,33 @@ def _first(own: Satellite, variant: Variant) -> str:
     return f"{'right' if first.kind in variant.kinds else ''} {seconds:5.1f} s  {first.title}"
 
 
-def _verdict(own: Satellite, variant: Variant) -> str:
+def _verdict(satellite: Satellite, variant: Variant) -> str:
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         try:
-            made = variant.make(own)
+            made = variant.make(satellite)
             made.scenario["calibration"] = _CALIBRATION
             summary = run_experiment(put(Path(folder), made.scenario, made.table), Path(folder) / "run")
         except FlightcalError as error:
             return f"error: {error}"[:150]
         why = "; ".join(not_well(summary.verdict, "bad", "warn", "none"))
-        return f"{_told(own, summary)}  {time.perf_counter() - begin:4.0f} s  {why[:220]}"
+        return f"{_told(satellite, summary)}  {time.perf_counter() - begin:4.0f} s  {why[:220]}"
 
 
-def _told(own: Satellite, summary: Summary) -> str:
+def _told(satellite: Satellite, summary: Summary) -> str:
     unseen = [m for m in summary.metrics if m.window in ("soon", "late") and m.method == "stochastic"]
     inside = min((m.value for m in unseen if m.metric == "picp"), default=np.nan)
     error = max((m.value for m in unseen if m.metric == "rmse"), default=np.nan)
-    truth = _truth(own)
+    truth = _truth(satellite)
     ends = [(p, truth[p.name]) for p in summary.parameters if p.name in truth]
     outside = [p.name for p, value in ends if not p.lower <= value <= p.upper]
     code = summary.verdict.exit_code
     return f"exit {code}  inside {inside:4.0%}  rmse {error:5.2f} K  outside {len(outside)}/{len(ends)}"
 
 
-def _truth(own: Satellite) -> dict[str, float]:
+def _truth(satellite: Satellite) -> dict[str, float]:
     """Parameter -> true value, SI."""
-    craft = own.craft
+    craft = satellite.craft
     found = {f"link_{a}_{b}": size for (a, b), size in craft.links.items()}
     found |= {f"capacity_{node}": size for node, size in craft.capacities.items()}
     for name, face in craft.faces.items():

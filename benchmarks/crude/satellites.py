@@ -206,7 +206,7 @@ def satellites() -> dict[str, Satellite]:
         ),
         Satellite("boxed", boxed, list(boxed.capacities), 20.0, 0.15, 0.1),
     ]
-    return {own.name: replace(own, seed=k) for k, own in enumerate(made)}
+    return {member.name: replace(member, seed=k) for k, member in enumerate(made)}
 
 
 @cache
@@ -214,25 +214,25 @@ def _noise(seed: int, samples: int, channels: int) -> Array:
     return np.random.default_rng([91, seed]).standard_normal((samples, channels))
 
 
-def telemetry(own: Satellite) -> pd.DataFrame:
+def telemetry(satellite: Satellite) -> pd.DataFrame:
     """As a file has it: degC, and status 0 or 1."""
-    seconds, states, status = fly(own.craft, -own.settling, own.last)
-    at = np.arange(0.0, own.last, own.every)
-    nodes = list(own.craft.capacities)
+    seconds, states, status = fly(satellite.craft, -satellite.settling, satellite.last)
+    at = np.arange(0.0, satellite.last, satellite.every)
+    nodes = list(satellite.craft.capacities)
     place = np.searchsorted(seconds, at)
-    noise = _noise(own.seed, len(at), len(own.observed))
+    noise = _noise(satellite.seed, len(at), len(satellite.observed))
     table: dict[str, Any] = {"time": np.datetime_as_string(EPOCH + at.astype("timedelta64[s]"), unit="s")}
-    for k, node in enumerate(own.observed):
-        read = states[place, nodes.index(node)] - 273.15 + own.noise * noise[:, k]
-        table[f"{node}_temp"] = np.round(np.round(read / own.step) * own.step, 6)
-    for k, heater in enumerate(own.craft.heaters):
+    for k, node in enumerate(satellite.observed):
+        read = states[place, nodes.index(node)] - 273.15 + satellite.noise * noise[:, k]
+        table[f"{node}_temp"] = np.round(np.round(read / satellite.step) * satellite.step, 6)
+    for k, heater in enumerate(satellite.craft.heaters):
         table[f"{heater}_status"] = status[place, k]
     return pd.DataFrame(table)
 
 
-def written(own: Satellite) -> dict[str, Any]:
+def written(satellite: Satellite) -> dict[str, Any]:
     """The right scenario: priors hold the truth, about half a deviation off; what is fixed is true."""
-    craft, rng = own.craft, np.random.default_rng([92, own.seed])
+    craft, rng = satellite.craft, np.random.default_rng([92, satellite.seed])
     heaters = {
         name: {
             "node": h.node, "sensor": h.node, "power": f"{h.power} W", "on_below": f"{h.below} K",
@@ -270,11 +270,13 @@ def written(own: Satellite) -> dict[str, Any]:
             paths = [f"faces.{name}.emissivity" for name in names]
             parameters[f"emissivity_{names[0]}"] = {"sets": paths, "prior": prior}
     return {
-        "name": own.name,
+        "name": satellite.name,
         "telemetry": {
             "file": "telemetry.csv",
             "time": {"column": "time"},
-            "channels": {f"{n}_temp": {"column": f"{n}_temp", "stale_after": None, **temperature} for n in own.observed}
+            "channels": {
+                f"{n}_temp": {"column": f"{n}_temp", "stale_after": None, **temperature} for n in satellite.observed
+            }
             | {f"{h}_status": {"column": f"{h}_status", "kind": "status"} for h in heaters},
         },
         "environment": {
@@ -289,7 +291,7 @@ def written(own: Satellite) -> dict[str, Any]:
         },
         "simulator": {
             "nodes": {
-                n: {"capacity": f"{c} J/K"} | ({} if n in own.observed else {"initial": "288 K"})
+                n: {"capacity": f"{c} J/K"} | ({} if n in satellite.observed else {"initial": "288 K"})
                 for n, c in craft.capacities.items()
             },
             "conductors": [
@@ -310,11 +312,11 @@ def written(own: Satellite) -> dict[str, Any]:
             "heaters": heaters,
         },
         "parameters": parameters,
-        "observations": {f"{n}_temp": {"node": n} for n in own.observed}
+        "observations": {f"{n}_temp": {"node": n} for n in satellite.observed}
         | {f"{h}_status": {"heater": h} for h in heaters},
         "windows": {
             name: {"start": str(EPOCH + np.timedelta64(round(first), "s")), "orbits": count}
-            for name, (first, count) in own.windows.items()
+            for name, (first, count) in satellite.windows.items()
         },
         "calibration": {"seed": 1, "prediction": {"simulations": 300}},
     }  # fmt: skip

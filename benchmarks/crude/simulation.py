@@ -276,13 +276,15 @@ def fly(craft: Craft, first: float, last: float, step: float = 5.0) -> tuple[Arr
     for table, found, factor in ((craft.links, conduct, 1.0), (craft.radiative, radiate, _SIGMA)):
         for (a, b), size in table.items():
             found[place[a], place[b]] = found[place[b], place[a]] = factor * size
-    own = list(craft.heaters.values())
+    heaters = list(craft.heaters.values())
     power = (
-        np.array([h.power for h in own]) * (1.0 + craft.bus * share[:, None]) if own else np.zeros((len(seconds), 0))
+        np.array([h.power for h in heaters]) * (1.0 + craft.bus * share[:, None])
+        if heaters
+        else np.zeros((len(seconds), 0))
     )
     states, status = _fly(
         np.full(len(nodes), 288.0), heat, conduct, radiate, away, np.array(list(craft.capacities.values())),
-        craft.stiffening, np.array([place[h.node] for h in own], np.int64), power,
-        np.array([h.below for h in own]), np.array([h.above for h in own]), step,
+        craft.stiffening, np.array([place[h.node] for h in heaters], np.int64), power,
+        np.array([h.below for h in heaters]), np.array([h.above for h in heaters]), step,
     )  # fmt: skip
     return seconds, states, status

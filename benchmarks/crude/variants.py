@@ -39,14 +39,14 @@ class Variant:
     """That name it rightly; those of a crude model name a part of what is wrong."""
 
 
-def _as_is(own: Satellite) -> Set:
-    return Set(telemetry(own), deepcopy(written(own)))
+def _as_is(satellite: Satellite) -> Set:
+    return Set(telemetry(satellite), deepcopy(written(satellite)))
 
 
 def _scenario(change: Callable[[Satellite, Written], None]) -> Callable[[Satellite], Set]:
-    def make(own: Satellite) -> Set:
-        found = _as_is(own)
-        change(own, found.scenario)
+    def make(satellite: Satellite) -> Set:
+        found = _as_is(satellite)
+        change(satellite, found.scenario)
         return found
 
     return make
@@ -55,17 +55,17 @@ def _scenario(change: Callable[[Satellite, Written], None]) -> Callable[[Satelli
 def _flight(change: Callable[[Satellite], Mapping[str, Any]]) -> Callable[[Satellite], Set]:
     """Of another craft than is written."""
 
-    def make(own: Satellite) -> Set:
-        other = replace(own, craft=replace(own.craft, **change(own)))
-        return Set(telemetry(other), deepcopy(written(own)))
+    def make(satellite: Satellite) -> Set:
+        other = replace(satellite, craft=replace(satellite.craft, **change(satellite)))
+        return Set(telemetry(other), deepcopy(written(satellite)))
 
     return make
 
 
 def _table(change: Callable[[Satellite, pd.DataFrame], None]) -> Callable[[Satellite], Set]:
-    def make(own: Satellite) -> Set:
-        found = _as_is(own)
-        change(own, found.table)
+    def make(satellite: Satellite) -> Set:
+        found = _as_is(satellite)
+        change(satellite, found.table)
         return found
 
     return make
@@ -74,29 +74,29 @@ def _table(change: Callable[[Satellite, pd.DataFrame], None]) -> Callable[[Satel
 # --- what a satellite has ----------------------------------------------------------------------------------------
 
 
-def _linked(own: Satellite) -> list[str]:
+def _linked(satellite: Satellite) -> list[str]:
     """Nodes, those with most links first."""
-    nodes = list(own.craft.capacities)
-    ends = [end for pair in own.craft.links for end in pair]
+    nodes = list(satellite.craft.capacities)
+    ends = [end for pair in satellite.craft.links for end in pair]
     return sorted(nodes, key=lambda name: -ends.count(name))
 
 
-def _outermost(own: Satellite) -> str:
+def _outermost(satellite: Satellite) -> str:
     """The observed node with fewest links and no heater."""
-    heated = {heater.node for heater in own.craft.heaters.values()}
-    return next(name for name in reversed(_linked(own)) if name not in heated and name in own.observed)
+    heated = {heater.node for heater in satellite.craft.heaters.values()}
+    return next(name for name in reversed(_linked(satellite)) if name not in heated and name in satellite.observed)
 
 
-def _lit(own: Satellite) -> str:
+def _lit(satellite: Satellite) -> str:
     """The face that would absorb most."""
-    faces = own.craft.faces
+    faces = satellite.craft.faces
     return max(faces, key=lambda name: faces[name].area * faces[name].absorptivity)
 
 
-def _swing(own: Satellite) -> list[str]:
+def _swing(satellite: Satellite) -> list[str]:
     """Channels, those that vary most first."""
-    table = telemetry(own)
-    return sorted((f"{node}_temp" for node in own.observed), key=lambda name: -float(table[name].std()))
+    table = telemetry(satellite)
+    return sorted((f"{node}_temp" for node in satellite.observed), key=lambda name: -float(table[name].std()))
 
 
 def _forget(scenario: Written, keep: Callable[[str], bool]) -> None:
@@ -109,7 +109,7 @@ def _forget(scenario: Written, keep: Callable[[str], bool]) -> None:
     scenario["parameters"] = kept
 
 
-def _no_status(own: Satellite, scenario: Written) -> None:
+def _no_status(satellite: Satellite, scenario: Written) -> None:
     """Heaters have no status: their sensors alone say when they are on."""
     for heater in scenario["simulator"]["heaters"].values():
         channel = heater.pop("measured_by")
@@ -120,7 +120,7 @@ def _no_status(own: Satellite, scenario: Written) -> None:
 # --- crude models ------------------------------------------------------------------------------------------------
 
 
-def _lump(own: Satellite, scenario: Written, gone: str, into: str) -> None:
+def _lump(satellite: Satellite, scenario: Written, gone: str, into: str) -> None:
     """One node is a part of another."""
     model = scenario["simulator"]
     left = model["nodes"].pop(gone)
@@ -155,15 +155,15 @@ def _lump(own: Satellite, scenario: Written, gone: str, into: str) -> None:
     scenario["telemetry"]["channels"].pop(f"{gone}_temp", None)
 
 
-def _lumped(own: Satellite, scenario: Written) -> None:
-    gone = _outermost(own)
-    into = next(a if b == gone else b for a, b in own.craft.links if gone in (a, b))
-    _lump(own, scenario, gone, into)
+def _lumped(satellite: Satellite, scenario: Written) -> None:
+    gone = _outermost(satellite)
+    into = next(a if b == gone else b for a, b in satellite.craft.links if gone in (a, b))
+    _lump(satellite, scenario, gone, into)
 
 
-def _missing_node(own: Satellite, scenario: Written) -> None:
+def _missing_node(satellite: Satellite, scenario: Written) -> None:
     """A node, its faces and its links are left out."""
-    gone = _outermost(own)
+    gone = _outermost(satellite)
     model = scenario["simulator"]
     del model["nodes"][gone]
     model["conductors"] = [link for link in model["conductors"] if gone not in link["between"]]
@@ -185,23 +185,23 @@ def _missing_node(own: Satellite, scenario: Written) -> None:
     scenario["telemetry"]["channels"].pop(f"{gone}_temp", None)
 
 
-def _one_node(own: Satellite, scenario: Written) -> None:
+def _one_node(satellite: Satellite, scenario: Written) -> None:
     """All is one node; only its own channel is looked at."""
-    middle = _linked(own)[0]
-    for node in list(own.craft.capacities):
+    middle = _linked(satellite)[0]
+    for node in list(satellite.craft.capacities):
         if node != middle:
-            _lump(own, scenario, node, middle)
-    for name, heater in own.craft.heaters.items():
+            _lump(satellite, scenario, node, middle)
+    for name, heater in satellite.craft.heaters.items():
         if heater.node != middle:
             scenario["simulator"]["heaters"][name]["sensor"] = middle
 
 
-def _no_radiation(own: Satellite, scenario: Written) -> None:
+def _no_radiation(satellite: Satellite, scenario: Written) -> None:
     model = scenario["simulator"]
     model["conductors"] = [link for link in model["conductors"] if "radiative" not in link]
 
 
-def _faces_merged(own: Satellite, scenario: Written) -> None:
+def _faces_merged(satellite: Satellite, scenario: Written) -> None:
     """One face that looks everywhere is written for each node."""
     first: dict[str, str] = {}
     for name, face in list(scenario["simulator"]["faces"].items()):
@@ -216,7 +216,7 @@ def _faces_merged(own: Satellite, scenario: Written) -> None:
     _forget(scenario, lambda path: not path.startswith("faces.") or path.split(".")[1] in known)
 
 
-def _no_earth(own: Satellite, scenario: Written) -> None:
+def _no_earth(satellite: Satellite, scenario: Written) -> None:
     """Neither albedo nor infrared of the Earth, with parameters of nothing to make up for them."""
     scenario["environment"] |= {"albedo": 0.02, "earth_infrared": "20 W/m^2"}
 
@@ -224,48 +224,48 @@ def _no_earth(own: Satellite, scenario: Written) -> None:
 # --- wrongs that are looked for ----------------------------------------------------------------------------------
 
 
-def _fahrenheit(own: Satellite, table: pd.DataFrame) -> None:
-    channel = _swing(own)[0]
+def _fahrenheit(satellite: Satellite, table: pd.DataFrame) -> None:
+    channel = _swing(satellite)[0]
     table[channel] = 1.8 * table[channel] + 32.0
 
 
-def _bias(own: Satellite, table: pd.DataFrame) -> None:
-    table[_swing(own)[-1]] += 6.0
+def _bias(satellite: Satellite, table: pd.DataFrame) -> None:
+    table[_swing(satellite)[-1]] += 6.0
 
 
-def _late(own: Satellite, table: pd.DataFrame) -> None:
+def _late(satellite: Satellite, table: pd.DataFrame) -> None:
     times = pd.to_datetime(table["time"]) + pd.Timedelta(minutes=12)
     table["time"] = times.dt.strftime("%Y-%m-%dT%H:%M:%S")
 
 
-def _swapped(own: Satellite, table: pd.DataFrame) -> None:
-    a, b = _swing(own)[:2]
+def _swapped(satellite: Satellite, table: pd.DataFrame) -> None:
+    a, b = _swing(satellite)[:2]
     table[[a, b]] = table[[b, a]].to_numpy()
 
 
-def _another_attitude(own: Satellite, scenario: Written) -> None:
-    scenario["environment"]["attitude"] = "sun_pointing" if own.craft.attitude != "sun_pointing" else "nadir"
+def _another_attitude(satellite: Satellite, scenario: Written) -> None:
+    scenario["environment"]["attitude"] = "sun_pointing" if satellite.craft.attitude != "sun_pointing" else "nadir"
 
 
-def _altitude(own: Satellite, scenario: Written) -> None:
+def _altitude(satellite: Satellite, scenario: Written) -> None:
     orbit = scenario["environment"]["orbit"]
     height = float(orbit["semi_major_axis"].split()[0]) - 6378137.0
     orbit["semi_major_axis"] = f"{6378137.0 + 1.5 * height} m"
 
 
-def _link_missing(own: Satellite, scenario: Written) -> None:
-    a, b = max(own.craft.links, key=lambda pair: own.craft.links[pair])
+def _link_missing(satellite: Satellite, scenario: Written) -> None:
+    a, b = max(satellite.craft.links, key=lambda pair: satellite.craft.links[pair])
     model = scenario["simulator"]
     model["conductors"] = [link for link in model["conductors"] if link["between"] != [a, b]]
     _forget(scenario, lambda path: path != f"conductors.{a}-{b}.conductance")
 
 
-def _no_payload(own: Satellite, scenario: Written) -> None:
+def _no_payload(satellite: Satellite, scenario: Written) -> None:
     modes = scenario["simulator"]["modes"]
     modes["busy"] = dict(modes["idle"])
 
 
-def _no_bus_power(own: Satellite, scenario: Written) -> None:
+def _no_bus_power(satellite: Satellite, scenario: Written) -> None:
     """What is on all the time is left out."""
     modes = scenario["simulator"]["modes"]
     for node, power in list(modes["idle"].items()):
@@ -274,61 +274,61 @@ def _no_bus_power(own: Satellite, scenario: Written) -> None:
         modes["busy"][node] = f"{max(more, 0.0)} W"
 
 
-def _half_power(own: Satellite, scenario: Written) -> None:
-    name = next(iter(own.craft.heaters))
-    scenario["simulator"]["heaters"][name]["power"] = f"{0.5 * own.craft.heaters[name].power} W"
+def _half_power(satellite: Satellite, scenario: Written) -> None:
+    name = next(iter(satellite.craft.heaters))
+    scenario["simulator"]["heaters"][name]["power"] = f"{0.5 * satellite.craft.heaters[name].power} W"
 
 
 # --- wrongs that are not -----------------------------------------------------------------------------------------
 
 
-def _sun_on_a_sensor(own: Satellite, table: pd.DataFrame) -> None:
+def _sun_on_a_sensor(satellite: Satellite, table: pd.DataFrame) -> None:
     """A sensor is warmed by up to 8 K by sunlight: in proportion to how far the most lit channel is above its mean."""
-    first, *_, last = _swing(own)
+    first, *_, last = _swing(satellite)
     warm = table[first] - table[first].min()
     table[last] += 8.0 * warm / warm.max()
 
 
-def _beating(own: Satellite, table: pd.DataFrame) -> None:
+def _beating(satellite: Satellite, table: pd.DataFrame) -> None:
     """A channel is disturbed by something that comes every 37 minutes."""
-    at = np.arange(len(table)) * own.every
-    table[_swing(own)[-1]] += 4.0 * (np.sin(2.0 * np.pi * at / 2220.0) > 0.3)
+    at = np.arange(len(table)) * satellite.every
+    table[_swing(satellite)[-1]] += 4.0 * (np.sin(2.0 * np.pi * at / 2220.0) > 0.3)
 
 
 def _heated_in_sunlight(seconds: Array, lit: Array, node: str, power: float) -> dict[str, Array]:
     return {node: power * lit}
 
 
-def _power_of(own: Satellite) -> float:
-    return max(sum(powers.values()) for powers in own.craft.modes.values())
+def _power_of(satellite: Satellite) -> float:
+    return max(sum(powers.values()) for powers in satellite.craft.modes.values())
 
 
-def _charging(own: Satellite) -> dict[str, Any]:
+def _charging(satellite: Satellite) -> dict[str, Any]:
     """A battery is charged: heat in sunlight alone, in a node of which nobody wrote it."""
-    node, power = _linked(own)[-1], 0.4 * _power_of(own)
+    node, power = _linked(satellite)[-1], 0.4 * _power_of(satellite)
     return {"more": lambda seconds, lit: {node: power * lit}}
 
 
-def _over_a_place(own: Satellite) -> dict[str, Any]:
+def _over_a_place(satellite: Satellite) -> dict[str, Any]:
     """A radio is on for a sixth of each orbit; the timeline does not say so."""
-    node, power, period = _linked(own)[0], 0.5 * _power_of(own), own.craft.orbit.period
+    node, power, period = _linked(satellite)[0], 0.5 * _power_of(satellite), satellite.craft.orbit.period
     return {"more": lambda seconds, lit: {node: power * ((seconds / period) % 1.0 < 1.0 / 6.0)}}
 
 
-def _shaded(own: Satellite) -> dict[str, Any]:
-    name = _lit(own)
-    return {"faces": {**own.craft.faces, name: replace(own.craft.faces[name], shaded=0.8)}}
+def _shaded(satellite: Satellite) -> dict[str, Any]:
+    name = _lit(satellite)
+    return {"faces": {**satellite.craft.faces, name: replace(satellite.craft.faces[name], shaded=0.8)}}
 
 
-def _tilted(own: Satellite) -> dict[str, Any]:
+def _tilted(satellite: Satellite) -> dict[str, Any]:
     return {"turned": (0.45, -0.3, 0.35)}
 
 
-def _stiff(own: Satellite) -> dict[str, Any]:
+def _stiff(satellite: Satellite) -> dict[str, Any]:
     return {"stiffening": 0.008}
 
 
-def _bus_voltage(own: Satellite) -> dict[str, Any]:
+def _bus_voltage(satellite: Satellite) -> dict[str, Any]:
     return {"bus": 1.5}
 
 
@@ -362,14 +362,14 @@ VARIANTS = (
 )
 
 
-def fits(variant: Variant, own: Satellite) -> bool:
+def fits(variant: Variant, satellite: Satellite) -> bool:
     """Whether a satellite has what a variant takes."""
     if variant.name in ("without status", "a heater of half its power", "heaters stronger in sunlight"):
-        return bool(own.craft.heaters)
+        return bool(satellite.craft.heaters)
     if variant.name == "a face that is shaded":
-        return own.craft.attitude != "sun_pointing"
+        return satellite.craft.attitude != "sun_pointing"
     if variant.name == "no radiation inside":
-        return bool(own.craft.radiative)
+        return bool(satellite.craft.radiative)
     if variant.name in ("a node lumped into another", "a node left out", "a link left out"):
-        return len(own.craft.capacities) > 2
+        return len(satellite.craft.capacities) > 2
     return True

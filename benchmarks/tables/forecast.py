@@ -63,10 +63,10 @@ def measure(quick: bool) -> Section:
         )
         peer = _filtered(record, fitted, pairs, whole.observed[pairs[:, 1]])
         at = [tuple(whole.times[pair]) for pair in pairs]
-        own = flightcal_forecasts(posterior.problem, telemetry, draws, at)
-        rows += _rows(name, train.simulator.channels, own, peer)
+        forecasts = flightcal_forecasts(posterior.problem, telemetry, draws, at)
+        rows += _rows(name, train.simulator.channels, forecasts, peer)
     ends = fitted.log_densities
-    failed = "; ".join(f"{own.name}, {own.found}" for own in posterior.diagnostics.gates if not own.passed)
+    failed = "; ".join(f"{gate.name}, {gate.found}" for gate in posterior.diagnostics.gates if not gate.passed)
     return Section(
         "Forecasts",
         "FUNcube-1 (`examples/funcube1/scenario.yaml`) by default, with unmodelled heat, trained on the first two "
@@ -101,18 +101,18 @@ _COLUMNS = [
 ]  # fmt: skip
 
 
-def _rows(horizon: str, channels: tuple[str, ...], own: Scores, peer: Scores) -> list[list[str]]:
+def _rows(horizon: str, channels: tuple[str, ...], scores: Scores, peer: Scores) -> list[list[str]]:
     rows = []
     for k, channel in enumerate(channels):
-        difference = own.crps[:, k] - peer.crps[:, k]
+        difference = scores.crps[:, k] - peer.crps[:, k]
         error = difference.std(ddof=1) / np.sqrt(len(difference))
         rows.append(
             [
                 f"{horizon}, {channel}",
-                f"{own.crps[:, k].mean():.2f}",
+                f"{scores.crps[:, k].mean():.2f}",
                 f"{peer.crps[:, k].mean():.2f}",
                 f"{difference.mean():+.2f} ({error:.2f})",
-                f"{own.covered[:, k].mean():.0%}",
+                f"{scores.covered[:, k].mean():.0%}",
                 f"{peer.covered[:, k].mean():.0%}",
             ]
         )

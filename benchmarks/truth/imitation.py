@@ -59,9 +59,9 @@ def cosines(flight: Flight, folder: Path) -> dict[str, tuple[float, float]]:
     heats = heats / np.maximum(np.linalg.norm(heats, axis=0), 1e-300)
     found = {}
     for name in flight.truth:
-        own = free[:, problem.names.index(name)]
-        own = own / max(float(np.linalg.norm(own)), 1e-300)
-        found[name] = float(np.linalg.norm(span.T @ own)), float(np.abs(heats.T @ own).max())
+        values = free[:, problem.names.index(name)]
+        values = values / max(float(np.linalg.norm(values)), 1e-300)
+        found[name] = float(np.linalg.norm(span.T @ values)), float(np.abs(heats.T @ values).max())
     return found
 
 

@@ -25,7 +25,7 @@ def summary(records: Sequence[Record]) -> str:
         by_variant.setdefault(record["variant"], []).append(record)
     if not by_variant:
         return "no records"
-    rows = [[name, *(cell(own) for own in by_variant.values())] for name, cell in _ROWS]
+    rows = [[name, *(cell(scores) for scores in by_variant.values())] for name, cell in _ROWS]
     rows += _relative(by_variant)
     return Table(["", *by_variant], rows).markdown()
 
@@ -126,12 +126,12 @@ def _relative(by_variant: Mapping[str, Sequence[Record]]) -> list[list[str]]:
         "width of predictions, times the first's, median": [],
         "log score of a true parameter, less the first's, mean": [],
     }
-    for variant, own in by_variant.items():
+    for variant, scores in by_variant.items():
         missing = VARIANTS[variant].missing
         first = next(other for name, other in by_variant.items() if VARIANTS[name].missing == missing)
         known = {(record["seed"], record["satellite"]): record for record in first}
-        pairs = [(record, known[key]) for record in own if (key := (record["seed"], record["satellite"])) in known]
-        if first is own or not pairs:
+        pairs = [(record, known[key]) for record in scores if (key := (record["seed"], record["satellite"])) in known]
+        if first is scores or not pairs:
             for cells in rows.values():
                 cells.append("-")
             continue

@@ -36,9 +36,9 @@ def main(other: Path, folders: list[Path]) -> int:
     with TemporaryDirectory() as temporary:
         copies = [copy for place in ("here", "other") for copy in _copies(folders, Path(temporary) / place)]
         for checkout, place in ((_HERE, "here"), (other, "other")):
-            own = [str(copy) for copy in copies if copy.relative_to(temporary).parts[0] == place]
+            names = [str(copy) for copy in copies if copy.relative_to(temporary).parts[0] == place]
             environment = {"PYTHONPATH": str(checkout.resolve() / "src"), "PATH": "/usr/bin:/bin"}
-            subprocess.run([sys.executable, "-c", _WRITE, *own], check=True, env=environment)
+            subprocess.run([sys.executable, "-c", _WRITE, *names], check=True, env=environment)
         here, there = ({page.relative_to(root): page.read_bytes() for page in root.rglob("*.html")}
                        for root in (Path(temporary) / "here", Path(temporary) / "other"))  # fmt: skip
     differ = [str(name.parent) for name in sorted(here.keys() | there.keys()) if here.get(name) != there.get(name)]

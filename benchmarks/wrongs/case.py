@@ -73,7 +73,7 @@ class SetUp:
     def satellite(self, seed: int) -> tuple[int, Case]:
         """The first satellite that fits, and its number. Raises StopIteration."""
         cases = ((number, case_of(seed, number)) for number in range(self.first, self.first + _TRIED))
-        return next(own for own in cases if self.fits(own[1]))
+        return next(case for case in cases if self.fits(case[1]))
 
 
 @cache

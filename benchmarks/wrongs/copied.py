@@ -69,7 +69,7 @@ def _never_in_shadow(case: Case) -> str:
 
 
 def _interchanged(case: Case) -> str:
-    name = max(_coated(case), key=lambda own: amount(case.model["faces"][own]["area"]))
+    name = max(_coated(case), key=lambda item: amount(case.model["faces"][item]["area"]))
     face = case.written["simulator"]["faces"][name]
     face["absorptivity"], face["emissivity"] = face["emissivity"], face["absorptivity"]
     return f"faces.{name}"
@@ -89,8 +89,8 @@ def _coated(case: Case) -> list[str]:
 def _in_grams(case: Case) -> str:
     """A capacity in kJ/K is written as J/K."""
     node = _fixed_nodes(case)[0]
-    own = case.written["simulator"]["nodes"][node]
-    own["capacity"] = f"{0.001 * amount(own['capacity'])} J/K"
+    block = case.written["simulator"]["nodes"][node]
+    block["capacity"] = f"{0.001 * amount(block['capacity'])} J/K"
     return f"nodes.{node}.capacity"
 
 
@@ -117,7 +117,7 @@ def _unlike(case: Case) -> list[str]:
 
 def _face_at_another_node(case: Case) -> str:
     faces = case.written["simulator"]["faces"]
-    name = max(faces, key=lambda own: amount(faces[own]["area"]))
+    name = max(faces, key=lambda item: amount(faces[item]["area"]))
     faces[name]["node"] = next(node for node in case.model["nodes"] if node != faces[name]["node"])
     return name
 
@@ -131,9 +131,9 @@ def _sensor_elsewhere(case: Case) -> str:
 def _link_elsewhere(case: Case) -> str:
     """A conductor begins at another node."""
     links = case.written["simulator"]["conductors"]
-    link = max(links, key=lambda own: amount(own["conductance"]))
+    link = max(links, key=lambda item: amount(item["conductance"]))
     a, b = link["between"]
-    taken = {frozenset(own["between"]) for own in links}
+    taken = {frozenset(link["between"]) for link in links}
     other = next(n for n in case.model["nodes"] if n not in (a, b) and frozenset((n, b)) not in taken)
     link["between"] = [other, b]
     for path_of in case.written["parameters"].values():
@@ -153,11 +153,11 @@ def _can_be_elsewhere(case: Case) -> bool:
 def _face_left_out(case: Case) -> str:
     """The largest face is not in the scenario, nor what sets its numbers."""
     faces = case.written["simulator"]["faces"]
-    name = max(faces, key=lambda own: amount(faces[own]["area"]))
+    name = max(faces, key=lambda item: amount(faces[item]["area"]))
     node = faces.pop(name)["node"]
     parameters = case.written["parameters"]
-    for own in [p for p, item in parameters.items() if f"faces.{name}." in str(item.get("sets", ""))]:
-        del parameters[own]
+    for path in [p for p, item in parameters.items() if f"faces.{name}." in str(item.get("sets", ""))]:
+        del parameters[path]
     return str(node)
 
 

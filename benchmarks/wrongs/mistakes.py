@@ -66,7 +66,7 @@ def _columns_shifted(case: Case) -> str:
 
 
 def _milliwatts_per_kelvin(case: Case) -> str:
-    link = max(case.written["simulator"]["conductors"], key=lambda own: amount(own["conductance"]))
+    link = max(case.written["simulator"]["conductors"], key=lambda item: amount(item["conductance"]))
     link["conductance"] = f"{1000.0 * amount(link['conductance']):.1f} W/K"
     a, b = link["between"]
     case.written["parameters"].pop(f"link_{a}_{b}", None)
@@ -84,10 +84,10 @@ def _unlike_aluminium(case: Case) -> list[str]:
     known = {path for item in case.written["parameters"].values() for path in np.atleast_1d(item.get("sets", []))}
     return [
         n
-        for n, own in case.model["nodes"].items()
+        for n, node in case.model["nodes"].items()
         if f"nodes.{n}.capacity" not in known
         and f"{n}_temp" in case.channels
-        and abs(np.log(amount(own["capacity"]) / 900.0)) > 0.7
+        and abs(np.log(amount(node["capacity"]) / 900.0)) > 0.7
     ]
 
 
@@ -119,7 +119,7 @@ def _two_faces(case: Case) -> tuple[str, str]:
     """The largest, and the largest of another node."""
     faces = case.model["faces"]
     first, *rest = sorted(faces, key=lambda name: -amount(faces[name]["area"]))
-    return first, next((own for own in rest if faces[own]["node"] != faces[first]["node"]), rest[0])
+    return first, next((name for name in rest if faces[name]["node"] != faces[first]["node"]), rest[0])
 
 
 def _flag_of_sunlight(case: Case) -> str:

@@ -57,10 +57,10 @@ def _timeline_moved(case: Case) -> str:
 
 def _wrong_node(case: Case) -> str:
     channel = case.channels[0]
-    own = case.written["observations"][channel]["node"]
-    case.written["simulator"]["nodes"][own]["initial"] = f"{case.training[channel].iloc[0]:.2f} degC"
+    node = case.written["observations"][channel]["node"]
+    case.written["simulator"]["nodes"][node]["initial"] = f"{case.training[channel].iloc[0]:.2f} degC"
     case.written["observations"][channel]["node"] = next(
-        item["node"] for name, item in case.written["observations"].items() if item.get("node") not in (None, own)
+        item["node"] for name, item in case.written["observations"].items() if item.get("node") not in (None, node)
     )
     return channel
 
@@ -154,7 +154,7 @@ def _face_turned(case: Case) -> str:
 
 def _link(case: Case) -> dict[str, Any]:
     """The conductor that matters most."""
-    return max(case.written["simulator"]["conductors"], key=lambda own: amount(own["conductance"]))
+    return max(case.written["simulator"]["conductors"], key=lambda item: amount(item["conductance"]))
 
 
 def _link_missing(case: Case) -> str:
@@ -201,7 +201,7 @@ def _certain_emissivities(case: Case) -> list[str]:
 
 def _emissivity(case: Case) -> str:
     faces = case.written["simulator"]["faces"]
-    name = max(_certain_emissivities(case), key=lambda own: amount(faces[own]["area"]))
+    name = max(_certain_emissivities(case), key=lambda item: amount(faces[item]["area"]))
     faces[name]["emissivity"] = round(faces[name]["emissivity"] / 3.0, 3)
     return f"faces.{name}.emissivity"
 
