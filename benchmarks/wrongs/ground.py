@@ -33,6 +33,16 @@ def _bottom(case: Case) -> str:
     return channel
 
 
+def _without_a_sign(case: Case) -> str:
+    """Counts of a byte that are negative below the middle of the range are read without a sign."""
+    channel = case.channels[0]
+    low, high = case.training[channel].min(), case.training[channel].max()
+    step = (high - low) / 60.0
+    counts = ((case.table[channel] - 0.5 * (low + high)) / step).round()
+    case.table[channel] = (counts.where(counts >= 0.0, counts + 256.0) * step + 0.5 * (low + high)).round(4)
+    return channel
+
+
 def _packets_swapped(case: Case) -> str:
     """Two packets of half an hour have each other's times."""
     rows, columns = case.training.index, case.table.columns.drop("time")
@@ -126,6 +136,7 @@ SETUPS = (
     SetUp("a channel smoothed over 21 min", 60, ("slow",), _smoothed, _lit_and_several),
     SetUp("a thermistor of another curve", 61, ("curve",), _curve, _lit_and_several),
     SetUp("a sensor at the bottom of its range", 62, ("clipped",), _bottom, lit),
+    SetUp("a negative number read without a sign", 73, ("wrapped",), _without_a_sign, lit),
     SetUp("two packets with swapped times", 63, ("order",), _packets_swapped, lit),
     SetUp("packets in reversed order", 64, ("order",), _packets_reversed, lit),
     SetUp("times of the packets' ends", 65, ("clock",), _packet_ends, lit),

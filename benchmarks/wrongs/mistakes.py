@@ -43,6 +43,13 @@ def _other_day(case: Case) -> str:
     return ""
 
 
+def _days_old(case: Case) -> str:
+    """The epoch is of ten days before the elements."""
+    orbit = case.written["environment"]["orbit"]
+    orbit["epoch"] = str(np.datetime64(orbit["epoch"]) - np.timedelta64(10, "D"))
+    return ""
+
+
 def _file_in_local_time(case: Case) -> str:
     """The second half of the channels was merged from a file of Central European time."""
     chosen = case.channels[len(case.channels) // 2 :]
@@ -161,6 +168,7 @@ SETUPS = (
     SetUp("altitude from the Earth's centre", 100, ("orbit",), _from_the_centre, lit),
     SetUp("beta angle of the other sign", 101, ("orbit", "attitude"), _other_beta, _asymmetric),
     SetUp("elements of the day before", 102, ("orbit", "clock"), _other_day, lit),
+    SetUp("an epoch of ten days before", 112, ("orbit",), _days_old, lit),
     SetUp("one of two files in local time", 103, ("channel clock",), _file_in_local_time, _many),
     SetUp("columns shifted by one", 104, ("swapped", "other node", "everything"), _columns_shifted, _many),
     SetUp("a conductance in mW/K", 105, ("number",), _milliwatts_per_kelvin, lit),
