@@ -93,7 +93,7 @@ def test_what_parameters_set_or_scale_is_not_fixed_nor_are_thresholds(tmp_path):
 
 def test_of_a_simulator_that_is_no_thermal_network_nothing_is_known():
     priors = SimpleNamespace(to_z=np.log)
-    problem = SimpleNamespace(priors=priors, to_theta=np.exp, windows=[SimpleNamespace(network=None)])
+    problem = SimpleNamespace(priors=priors, to_theta=np.exp, windows=[SimpleNamespace(is_network=False)])
     assert considered(problem, np.ones((3, 2)), WITHIN, seed=1) is None
 
 
