@@ -79,7 +79,7 @@ class Linear:
     def beginning(self, samples: int) -> Linear:
         """The same of the first samples alone."""
         terms = replace(self.terms, seconds=self.terms.seconds[:samples], valid=self.terms.valid[:, :samples])
-        response = [response[:samples] for response in self.response]
+        response = [of_group[:samples] for of_group in self.response]
         return replace(self, terms=terms, left=self.left[:samples], jacobian=self.jacobian[:samples], response=response)
 
     def through(self, shapes: tuple[Shaped, ...]) -> Callable[[FloatArray], FloatArray]:
@@ -332,7 +332,7 @@ class Search:
             return -(value + float(at.log_density)), -(bar * at.slope + at.gradient)
 
         start = self.sizes.to_z(sizes)
-        bounds = [(weights - _FARTHEST, weights + _FARTHEST) for weights in start]
+        bounds = [(size - _FARTHEST, size + _FARTHEST) for size in start]
         options = {"maxiter": _ITERATIONS, "ftol": 1e-7}
         found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         return self.sizes.to_theta(found.x), float(found.fun)

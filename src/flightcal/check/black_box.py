@@ -255,7 +255,7 @@ def _closely(ensemble: PriorEnsemble, look: _Look, nats: float, fit: Fit, wrong:
     """A wrong with the best of numbers near by."""
     for _ in range(_ROUNDS):
         near = [] if wrong.closer is None else list(wrong.closer())
-        tried = [(*_gained(ensemble, look, wrong), wrong) for wrong in near]
+        tried = [(*_gained(ensemble, look, closer), closer) for closer in near]
         best = max(tried, key=lambda item: item[0], default=(nats, fit, wrong))
         if best[0] <= nats:
             break

@@ -192,7 +192,7 @@ class Gaussian:
     def gained(self, residual: FloatArray, effects: FloatArray) -> tuple[FloatArray, FloatArray]:
         """b [k] and G [k, k]: residuals [R] less effects [R, k] times u are more probable by b u - u G u / 2 nats.
 
-        At the size that is likeliest for the residuals as they are.
+        At the size that is likeliest for the residuals as they are, or at one: of usual heat, with what is looked for.
         """
         size = min(self._likeliest(residual, None, AS_READ).size, self.sizes.index(1.0))
         white, variances = self._white(np.column_stack([self._finite(residual), effects]))[size]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..environment import slew_begins, sunlit_share
+from ..environment import attitude_names, sunlit_share
 from ..scenario import AttitudeTimeline
 from ..simulator import FloatArray
 from ..words import number
@@ -81,9 +81,8 @@ def _states(view: View) -> Iterator[tuple[str, NDArray[np.bool_]]]:
             yield f"while {name} is off", on <= 0.5
     attitude = window.scenario.environment.attitude
     if isinstance(attitude, AttitudeTimeline):
-        which = np.searchsorted(slew_begins(attitude), window.times[kept], side="right")
-        flown = [attitude.timeline[k].attitude for k in which]
-        for name in dict.fromkeys(state for state in flown if isinstance(state, str)):
-            yield f"in attitude '{name}'", np.array([state == name for state in flown])
+        flown = np.array(attitude_names(attitude, window.times[kept]))
+        for name in dict.fromkeys(filter(None, flown.tolist())):
+            yield f"in attitude '{name}'", flown == name
     yield "in the first half of the window", seconds < seconds[len(seconds) // 2]
     yield "in the second half of the window", seconds >= seconds[len(seconds) // 2]

@@ -37,7 +37,7 @@ def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatA
     told well enough by its sensor alone: it turns between two samples, and before these read a threshold.
     """
     heater, unknown = scenario.network.switches[name], np.full(telemetry.sizes["time"], 0.5)
-    channel = next((name for name, item in scenario.observations.items() if item.node == heater.sensor), None)
+    channel = next((read_by for read_by, item in scenario.observations.items() if item.node == heater.sensor), None)
     if channel is None or channel not in telemetry:
         return unknown
     observation, read = scenario.observations[channel], telemetry[channel].to_numpy()

@@ -4,7 +4,7 @@ Imports: errors, scenario.
 """
 
 from ._time import as_datetime, seconds_later, timespan
-from .attitude import slew_begins
+from .attitude import attitude_names
 from .eclipse import shadow_edges, sunlit_share
 from .edges import sample_times, slew_edges, sun_edges
 from .faces import RINGS

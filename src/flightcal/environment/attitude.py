@@ -121,6 +121,12 @@ def slew_begins(attitude: AttitudeTimeline) -> Times:
     return np.array([change.at for change in attitude.timeline[1:]], "datetime64[ns]")
 
 
+def attitude_names(attitude: AttitudeTimeline, times: Times) -> list[str]:
+    """The name of the attitude that a timeline is in, or turns to, at each of times [T]; "" of one without a name."""
+    found = [change.attitude if isinstance(change.attitude, str) else "" for change in attitude.timeline]
+    return [found[k] for k in np.searchsorted(slew_begins(attitude), times, side="right")]
+
+
 def _in_turn(attitude: AttitudeTimeline, at: Geometry, folder: Path) -> Floats:
     begin, kinds = slew_begins(attitude), attitude.attitudes
     which = np.searchsorted(begin, at.times, side="right")

@@ -38,13 +38,11 @@ def window_errors(
     The nearest training window tells discrepancy and noise; all of them tell the errors of duty cycles. first: how many
     samples at the window's start tell about them; stand_in: gives a training window its emulator.
     """
-    trained = [
-        window if trained_window.name == window.name else stand_in(trained_window) for trained_window in problem.windows
-    ]
-    thetas = [problem.at(window, draws) for window in trained]
-    runs = [window.simulate_many(theta) for window, theta in zip(trained, thetas, strict=True)]
-    duty = [_duty_errors(window, of_window) for window, of_window in zip(trained, runs, strict=True)]
-    names = [window.name for window in problem.windows]
+    trained = [window if other.name == window.name else stand_in(other) for other in problem.windows]
+    thetas = [problem.at(other, draws) for other in trained]
+    runs = [other.simulate_many(theta) for other, theta in zip(trained, thetas, strict=True)]
+    duty = [_duty_errors(other, of_window) for other, of_window in zip(trained, runs, strict=True)]
+    names = [other.name for other in problem.windows]
     place = names.index(window.name if window.name in names else problem.nearest(window.times[0]).name)
     train = trained[place]
     missing = np.full(train.observed.shape, np.nan)

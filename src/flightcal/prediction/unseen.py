@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..environment import orbit_phase, seconds_later, sunlit_share
+from ..environment import attitude_names, orbit_phase, seconds_later, sunlit_share
 from ..problem import Window
 from ..run import read_tree
 from ..scenario import AttitudeTimeline, heat_of
@@ -131,24 +131,22 @@ def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None, 
 
 def _attitudes(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
     """Where a timeline has attitudes that training had not."""
-    flown, known = _flown(window), {name for before in trained if before.is_network for name in _flown(before).tolist()}
+    flown = np.array(_flown(window))
+    known = {"", *(name for other in trained for name in _flown(other))}
     return {f"attitude {name}": flown == name for name in dict.fromkeys(flown.tolist()) if name not in known}
 
 
-def _flown(window: Window) -> NDArray[np.str_]:
-    """The attitude's name in a timeline at each place [P]; empty where there is no timeline, or one without names."""
+def _flown(window: Window) -> list[str]:
+    """The attitude's name in a timeline at each place [P]; empty without a timeline, or of another simulator."""
     attitude = window.scenario.environment.attitude
-    if not isinstance(attitude, AttitudeTimeline):
-        return np.empty(0, str)
-    changes = np.array([change.at for change in attitude.timeline], "datetime64[ns]")
-    names = [change.attitude if isinstance(change.attitude, str) else "" for change in attitude.timeline]
-    places = np.maximum(np.searchsorted(changes, _times(window), side="right") - 1, 0)
-    return np.array(names)[places] if all(names) else np.empty(0, str)
+    if not window.is_network or not isinstance(attitude, AttitudeTimeline):
+        return []
+    return attitude_names(attitude, _times(window))
 
 
 def _course(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
     """Where the driver that the pattern of heat is over is outside of its range in training."""
-    known = [window.course.values for window in trained if window.course is not None]
+    known = [other.course.values for other in trained if other.course is not None]
     heat = heat_of(window.scenario)
     if window.course is None or not known or heat is None or heat.pattern is None:
         return {}
@@ -159,12 +157,12 @@ def _course(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
 
 def _sun(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
     """Where sunlight or eclipse are at places in the orbit at which training had the other alone."""
-    origin = min(window.times[0] for window in trained)
+    origin = min(other.times[0] for other in trained)
     sectors, sunlit = _in_orbit(window, origin)
     had = np.zeros((2, _SECTORS), bool)
-    for trained_window in trained:
-        if trained_window.is_network:
-            of_training, lit = _in_orbit(trained_window, origin)
+    for other in trained:
+        if other.is_network:
+            of_training, lit = _in_orbit(other, origin)
             had[lit.astype(int), of_training] = True
     if not len(sectors) or not had.any():
         return {}
@@ -191,7 +189,7 @@ def _temperatures(trained: Sequence[Window], window: Window, mean: FloatArray) -
         return {}
     between = window.times[:-1] + np.diff(window.times) / 2
     nearest = np.searchsorted(between, _times(window))
-    before = np.concatenate([window.observed for window in trained])
+    before = np.concatenate([other.observed for other in trained])
     return {
         f"temperature of {channel}": _beyond(mean[:, k], before[:, k], _KELVIN)[nearest]
         for k, channel in enumerate(window.simulator.channels)

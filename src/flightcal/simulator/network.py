@@ -365,7 +365,7 @@ def canonical_form(
     entry, constants, table = [], [], []
     sums = [terms[kind][place] for kind, places in entries.items() for place in places]
     number = len(sums)
-    for place, weights in (*enumerate(sums), *((number + state, terms) for state, terms in warmed.items())):
+    for place, weights in (*enumerate(sums), *((number + state, of_state) for state, of_state in warmed.items())):
         for constant, factors in weights:
             entry.append(place)
             constants.append(constant)
@@ -383,9 +383,7 @@ def canonical_form(
     return structure, Terms(
         entry=np.array(entry, dtype=np.int64),
         constant=np.array(constants),
-        factors=np.array([entry + [numbers] * (most - len(entry)) for entry in table], np.int64).reshape(
-            len(table), most
-        ),
+        factors=np.array([row + [numbers] * (most - len(row)) for row in table], np.int64).reshape(len(table), most),
         inverse=np.array(inverse, dtype=np.int64),
         entries=number,
         initial=initial,

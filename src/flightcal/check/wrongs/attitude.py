@@ -50,8 +50,9 @@ _FEWEST, _WORK = 50, 2e7
 """Samples that have a rhythm; samples times rates: of more, the beginning tells it."""
 _NAMED, _SELDOM = 2.0, 150.0
 """Attitudes that have a name, and others, each of which is ten times as seldom."""
-_TURNED = "turned"
-"""By half a turn about the first axis: that does the same as a tilt to the other side to what is alike fore and aft."""
+_OTHER_WAY = {"turned": 2.0, "tilted": 1.0}
+"""How an attitude is the other way, and how rare that is: half a turn about the first axis does the same as a tilt to
+the other side to what is alike fore and aft."""
 _Axis = tuple[float, float, float]
 
 
@@ -133,7 +134,7 @@ def mirrored(view: View) -> Iterator[Wrong]:
             if isinstance(written, AttitudeTimeline):
                 changed = {"attitude": written.model_copy(update={"named": {**written.named, name: other}})}
             yield from driven_otherwise(
-                "attitude", f"{name} {how}".strip(), words, view, tries=len(aligned) * (2.0 if how == _TURNED else 1.0),
+                "attitude", f"{name} {how}".strip(), words, view, tries=len(aligned) * _OTHER_WAY[how],
                 scenario=elsewhere(view, **changed),
             )  # fmt: skip
 
@@ -141,7 +142,7 @@ def mirrored(view: View) -> Iterator[Wrong]:
 def _mirrored(attitude: AlignedAttitude) -> Iterator[tuple[AlignedAttitude, str, Pointing]]:
     """An attitude with one of its axes the other way, how that turns it, and that axis."""
     second = _flipped(attitude.constrained, range(3))
-    yield attitude.model_copy(update={"constrained": second}), _TURNED, second
+    yield attitude.model_copy(update={"constrained": second}), "turned", second
     largest = int(np.argmax(np.abs(attitude.aligned.axis)))
     others = [k for k in range(3) if k != largest]
     if any(attitude.aligned.axis[k] for k in others):

@@ -121,8 +121,8 @@ def _moves(
     b: FloatArray, inner: FloatArray, states: int, flown: NDArray[np.int64], least: float, most: int
 ) -> Iterator[float]:
     """Set stretches of `flown` [P] to the state that gains most, one by one, in place; nats of all after each."""
+    on = _on(flown, states)
     for _ in range(_MOVES):
-        on = (flown == np.arange(states)[:, None]).astype(float).ravel()
         gradient = b - inner @ on
         tried = [
             (*_best_of(gradient, inner, flown, state, least, most), state) for state in (_AS_WRITTEN, *range(states))
@@ -132,8 +132,13 @@ def _moves(
             break
         flown[first:last] = state
         flown[:] = _that_differs(inner, flown)
-        on = (flown == np.arange(states)[:, None]).astype(float).ravel()
+        on = _on(flown, states)
         yield float(on @ b - 0.5 * on @ inner @ on)
+
+
+def _on(flown: NDArray[np.int64], states: int) -> FloatArray:
+    """1 where a piece is in a state, of the pieces of one state after those of another; else 0."""
+    return (flown == np.arange(states)[:, None]).astype(float).ravel()
 
 
 def _that_differs(inner: FloatArray, flown: NDArray[np.int64]) -> NDArray[np.int64]:
