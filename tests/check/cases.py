@@ -93,3 +93,15 @@ def pointed(quaternion):
     }
     at = ["2024-03-01T00:00:00", "2024-03-01T01:10:00", "2024-03-01T02:20:00"]
     return {"named": named, "timeline": [{"at": own, "attitude": name} for own, name in zip(at, named, strict=True)]}
+
+
+def switching(**modes):
+    """The satellite with two modes that take turns."""
+    written = small.content()
+    at = [f"2024-03-01T0{hour}:{minute}:00" for hour in range(3) for minute in ("05", "35")]
+    written["simulator"]["modes"] = modes
+    written["simulator"]["timeline"] = [
+        {"at": "2024-02-29T00:00:00", "mode": "idle"},
+        *({"at": time, "mode": ("busy", "idle")[k % 2]} for k, time in enumerate(at)),
+    ]
+    return written

@@ -11,7 +11,7 @@ from flightcal.check.prepared import prepared
 from flightcal.check.wrongs.heat import constant_heat, missing_heat, shares, turning, upper
 from tests import small
 
-from ..cases import named, silent
+from ..cases import named, silent, switching
 
 
 @pytest.mark.slow
@@ -167,18 +167,6 @@ def test_modes_that_are_exchanged_are_named(tmp_path):
     modes["idle"], modes["busy"] = modes["busy"], modes["idle"]
     scenario, _ = small.load(tmp_path, written)
     assert named(scenario, data)[0].title == "Modes 'idle' and 'busy' are exchanged"
-
-
-def switching(**modes):
-    """The satellite with two modes that take turns."""
-    written = small.content()
-    at = [f"2024-03-01T0{hour}:{minute}:00" for hour in range(3) for minute in ("05", "35")]
-    written["simulator"]["modes"] = modes
-    written["simulator"]["timeline"] = [
-        {"at": "2024-02-29T00:00:00", "mode": "idle"},
-        *({"at": time, "mode": ("busy", "idle")[k % 2]} for k, time in enumerate(at)),
-    ]
-    return written
 
 
 def test_a_modes_heat_in_another_node_is_named_with_both(tmp_path):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, product
@@ -15,7 +16,7 @@ from ...simulator import FloatArray
 from ...words import listed, number
 from ..evidence import Fit
 from ..network_view import NO_LINK, SHARES, Moved, View
-from .wrong import AROUND, FACTORS, FEW_TIMES, Words, Wrong
+from .wrong import AROUND, FACTORS, FEW_TIMES, POWER, Words, Wrong
 
 _BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
 """Of a scenario, whose numbers are tried; heaters and loads are tried elsewhere."""
@@ -44,6 +45,8 @@ _OF_PARTS = frozenset((block, kind) for block, kinds in _ALIKE for kind in kinds
 """Numbers that parts have in common,"""
 _MOST_OF_PARTS = 12
 """so many at most."""
+_OF_ALL = ("capacity", "conductance", "area")
+"""Numbers that may be wrong in all parts by one factor."""
 _MOST_HELD = 10.0
 """Of the heat that all other nodes hold, what one may hold."""
 _COLDEST, _HOTTEST = 2.0, 600.0
@@ -67,10 +70,26 @@ def numbers(view: View) -> Iterator[Wrong]:
             near = partial(_near, view, group, name, factor, _PER_NUMBER * len(fixed))
             again = near if factor in FEW_TIMES else None
             yield from _number(view, group, name, factor, _PER_NUMBER * len(fixed), again)
-    areas = [k for k in fixed if paths[k].endswith(".area")]
-    for factor in FEW_TIMES if len(areas) > 1 else ():
-        near = partial(_near, view, areas, "every area", factor, len(FEW_TIMES))
-        yield from _number(view, areas, "every area", factor, len(FEW_TIMES), near)
+    together = _together(view)
+    for (places, name), factor in product(together.items(), FEW_TIMES):
+        tries = float(len(FEW_TIMES) * len(together))
+        near = partial(_near, view, places, name, factor, tries)
+        yield from _number(view, places, name, factor, tries, near)
+
+
+def _together(view: View) -> dict[tuple[int, ...], str]:
+    """Places of numbers that one slip makes wrong together, named: all of a kind, what modes bring to a node or all."""
+    paths, found = view.network.network.paths, defaultdict[str, list[int]](list)
+    for k in view.window.sizes:
+        block, *_, last = paths[k].split(".")
+        if view.network.mapping.written[k] <= _NONE or PIN in paths[k]:
+            continue
+        if last in _OF_ALL:
+            found[f"every {last}"].append(k)
+        elif block == "modes":
+            found["the power of every mode"].append(k)
+            found[f"the power of every mode in {last}"].append(k)
+    return {tuple(places): name for name, places in found.items() if len(places) > 1}
 
 
 def _alike(view: View, fixed: Sequence[int]) -> list[list[int]]:
@@ -95,9 +114,10 @@ def _fixed_numbers(view: View) -> list[int]:
 
 
 def _near(view: View, places: Sequence[int], name: str, factor: float, tries: float) -> Iterator[Wrong]:
+    least = _MATTERS if len(places) == 1 else 1.0 + POWER
     for more in AROUND:
         times = factor * more
-        if not 1.0 / _MATTERS < times < _MATTERS:
+        if not 1.0 / least < times < least:
             yield from _number(view, places, name, times, tries, partial(_near, view, places, name, times, tries))
 
 
@@ -127,7 +147,30 @@ def _number(
         else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",
         f"Check '{name}', and its unit; if it is right, the scenario lacks something that acts like it",
     )
-    yield Wrong("number", name, words, window=view.window.multiplied(places, factor), tries=tries, closer=closer)
+    multiplied = _multiplied(view, [(k, factor) for k in places])
+    if multiplied is not None:
+        moved, written = multiplied
+        window = view.with_numbers(np.array(written))
+        yield Wrong("number", name, words, window=window, moved=moved, tries=tries, closer=closer)
+
+
+def _multiplied(view: View, by: Iterable[tuple[int, float]]) -> tuple[Moved, tuple[float, ...]] | None:
+    """Entries that are moved and numbers as written, where numbers at places are so many times what they are.
+
+    None: no parameter can be so, or a parameter would have to be two things.
+    """
+    mapping, names = view.network.mapping, view.problem.names
+    setting = dict(zip(mapping.set_positions.tolist(), mapping.set_by.tolist(), strict=True))
+    written, moved = mapping.written.copy(), dict[int, float]()
+    for place, times in by:
+        if place not in setting:
+            written[place] *= times
+        elif moved.setdefault(names.index(view.network.names[setting[place]]), times) != times:
+            return None
+    entries = tuple(sorted(moved.items()))
+    if moved and not np.isfinite(_apart(view, replace(view, moved=entries))).all():
+        return None
+    return entries, tuple(written.tolist())
 
 
 def _holds_too_much(view: View, changed: FloatArray) -> bool:
@@ -347,24 +390,13 @@ def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) ->
 
     now: the numbers [V] at the priors' medians. None: the exchange changes nothing, or it cannot be.
     """
-    mapping, written = view.network.mapping, view.network.mapping.written.copy()
-    moved: dict[int, float] = {}
     # A number is moved by a factor, and none makes another one of 0.
     if not all(now[p] and now[q] for p, q in places):
         return None
     if all(1.0 / _MATTERS < now[p] / now[q] < _MATTERS for p, q in places):
         return None
-    setting = dict(zip(mapping.set_positions.tolist(), mapping.set_by.tolist(), strict=True))
-    for one, other in [(p, q) for pair in places for p, q in (pair, pair[::-1])]:
-        times = float(now[other] / now[one])
-        if one not in setting:
-            written[one] *= times
-        elif moved.setdefault(view.problem.names.index(view.network.names[setting[one]]), times) != times:
-            return None
-    entries = tuple(sorted(moved.items()))
-    if moved and not np.isfinite(_apart(view, replace(view, moved=entries))).all():
-        return None
-    return entries, tuple(written.tolist())
+    both_ways = [(p, q) for pair in places for p, q in (pair, pair[::-1])]
+    return _multiplied(view, [(one, float(now[other] / now[one])) for one, other in both_ways])
 
 
 WRONGS = (numbers, boundaries, coatings, left_out, exchanged, priors, other_priors)
