@@ -163,6 +163,26 @@ def test_a_held_reading_is_told_with_its_stride():
     assert (own.suspicion.kind, "8 samples" in own.suspicion.title) == ("held", True)
 
 
+@pytest.mark.parametrize("stride", [5, 8])
+def test_lines_between_few_readings_are_told_with_how_many_samples_they_replace(stride):
+    places = np.arange(200)
+    kept = places % stride == 3
+    values = np.round(np.interp(places, places[kept], telemetry()[kept]), 2)
+    # Some are lost, and the others are as they were.
+    values[[40, 41, 90]] = np.nan
+    suspected = found(values)
+    assert suspected.suspicion.kind == "interpolated"
+    assert f"One of {stride} samples" in suspected.suspicion.sentence
+    np.testing.assert_array_equal(np.isfinite(values) & ~suspected.useless, kept & np.isfinite(values))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_what_rises_and_falls_in_straight_lines_is_no_interpolation(noise):
+    values = 290.0 + np.abs(np.arange(200) % 60 - 35) / 4.0 + noise * np.random.default_rng(0).standard_normal(200)
+    assert found(values, np.full(200, np.nan)) is None
+    assert found(MODELLED.round(3)) is None
+
+
 def test_a_spike_is_told_with_its_time_and_left_out():
     values = telemetry()
     values[57] += 40.0

@@ -13,7 +13,7 @@ from flightcal.check.misfit import Misfit
 from flightcal.check.network_view import HEAT
 from flightcal.check.page import _suspects
 from flightcal.check.prepared import prepared
-from flightcal.check.suspects import _of_rows
+from flightcal.check.suspects import _of_many
 from flightcal.check.suspicion import Suspicion, ranked, unexplained
 from flightcal.check.white_box import finalists
 from flightcal.check.wrongs import Words, Wrong
@@ -250,12 +250,13 @@ def test_what_a_channel_shows_by_itself_comes_first_and_is_left_out(flown):
     assert [own.kind for own in found] == ["stuck", "stuck"]  # the window to test on too
 
 
+@pytest.mark.parametrize("kind", ["spike", "held", "interpolated"])
 @pytest.mark.parametrize(("channels", "told"), [(3, ["a", "b", "c"]), (5, ["a b c d e"])])
-def test_spikes_of_many_channels_are_told_as_damaged_rows(channels, told):
-    spikes = [Suspicion("spike", name, "", f"{name} reads much.", "") for name in "abcde"[:channels]]
+def test_what_many_channels_show_has_one_reason(channels, told, kind):
+    spikes = [Suspicion(kind, name, "", f"{name} reads much.", "") for name in "abcde"[:channels]]
     other = Suspicion("stuck", "f", "", "", "")
-    found = _of_rows([other, *spikes, *spikes[:1]])
-    assert [suspicion.about for suspicion in found if suspicion.kind == "spike"][: len(told)] == told
+    found = _of_many([other, *spikes, *spikes[:1]])
+    assert [suspicion.about for suspicion in found if suspicion.kind == kind][: len(told)] == told
     assert other in found
     assert len(found) == (2 if channels == 5 else 5)
 

@@ -100,9 +100,10 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
             x1, made_of = _step_and_output(A, N, Q, mass, x, length, b0, b0 + slope * length, balanced)
             return active, begin, length, x, x1, made_of
 
-        x1 = advance(h)
         if len(heaters) == 0:
-            return (jnp.where(active, x1, x), u, jnp.where(active, duration, begin), before), segment_of(h)
+            whole = segment_of(h)
+            return (jnp.where(active, whole[4], x), u, jnp.where(active, duration, begin), before), whole
+        x1 = advance(h)
         threshold = jnp.where(u > 0.5, system.upper, system.lower)
         sign = jnp.where(u > 0.5, 1.0, -1.0)
         crossed = simulated & (sign * (x1[sensor] - threshold) > 0.0) & active
@@ -119,18 +120,19 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
 
             low, high = jax.lax.fori_loop(0, _LOCATION_ITERATIONS, halve, (jnp.zeros_like(h), h))
             located = jax.lax.stop_gradient(0.5 * (low + high))
-            speed = jax.lax.stop_gradient(jax.jvp(overshoot, (located,), (jnp.ones_like(located),))[1])
+            past, speed = jax.jvp(overshoot, (located,), (jnp.ones_like(located),))
             # One Newton step that changes the value by rounding only, and carries the implicit derivative.
-            return located - overshoot(located) / jnp.where(crossed[k], speed, 1.0)
+            return located - past / jnp.where(crossed[k], jax.lax.stop_gradient(speed), 1.0)
 
         lengths = jnp.where(crossed, jax.vmap(crossing)(heaters), jnp.inf)
         event = jnp.argmin(lengths)
         switched = jnp.any(crossed)
         length = jnp.where(switched, lengths[event], h)
-        x_next = jnp.where(active, advance(length), x)
+        found = segment_of(length)
+        x_next = jnp.where(active, found[4], x)
         u_next = jnp.where(switched, u.at[event].set(1.0 - u[event]), u)
         begin_next = jnp.where(active, jnp.where(switched, begin + length, duration), begin)
-        return (x_next, u_next, begin_next, before), segment_of(length)
+        return (x_next, u_next, begin_next, before), found
 
     def step(carry: Any, row: Any) -> Any:
         x, u, driven, before = carry

@@ -39,6 +39,10 @@ _USUAL, _NO_NOISE = 0.9, 1e-3
 """Share of bends that noise makes, where others are the temperature's; steps of noise that are none."""
 _HELD = 3
 """Samples, from which a reading that is held for so many is worth a word."""
+_KNOTS, _MOST_BETWEEN = 8, 120
+"""Readings at least, and samples between two at most, where lines are drawn between them;"""
+_NEARER, _NEARLY_ALL = 15.0, 0.95
+"""times that nearly all samples are nearer to these lines than readings to lines of others: a curve is four times."""
 _FILLED, _FAR = 3, 5.0
 """Times that one number comes, and K that it is away from the samples around it, which stands for no reading."""
 _BITS, _OF_WHOLE = (16, 14, 12, 10, 8), 0.25
@@ -71,7 +75,7 @@ class Broken:
 def broken(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
     """What is wrong with a channel's samples [T] K; modelled: [T] K as the simulator has them, NaN: not known."""
     valid = np.flatnonzero(np.isfinite(values))
-    for look in (_filled, _wrapped, _stuck_often, _spikes, _held, _stuck, _clipped, _repeating):
+    for look in (_filled, _wrapped, _interpolated, _stuck_often, _spikes, _held, _stuck, _clipped, _repeating):
         found = look(channel, times[valid], values[valid], modelled[valid])
         if found is not None:
             useless = np.zeros(len(values), bool)
@@ -253,6 +257,40 @@ def _held(channel: str, times: NDArray[np.datetime64], values: FloatArray, model
         f"Keep one of {stride} samples of {channel}",
     )  # fmt: skip
     return Broken(suspicion, np.diff(values, prepend=values[0]) == 0.0)
+
+
+def _interpolated(
+    channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray
+) -> Broken | None:
+    """One reading of many, and straight lines between them."""
+    seconds = (times - times[0]) / np.timedelta64(1, "s") if len(times) else np.empty(0)
+    usual = float(np.median(np.diff(seconds))) if len(seconds) >= _STUCK else 0.0
+    if usual <= 0.0:
+        return None
+    # The largest bend is at a reading.
+    places = np.rint(seconds / usual).astype(np.int64)
+    beside = np.diff(places, 2) == 0
+    corner = places[1:-1][np.argmax(np.abs(np.diff(values, 2)) * beside)]
+    strides = range(_HELD, min(_MOST_BETWEEN, len(values) // _KNOTS) + 1)
+    kept = {k: (places - corner) % k == 0 for k in strides}
+    fits = [k for k in strides if kept[k].sum() >= _KNOTS and _on_lines(seconds, values, kept[k])]
+    if not fits:
+        return None
+    stride = fits[-1]
+    suspicion = Suspicion(
+        "interpolated", channel, f"{channel} has straight lines between readings",
+        f"One of {stride} samples is a reading, and those between are on the line from each to the next.",
+        f"Keep one of {stride} samples of {channel}, or take them as they were sent",
+    )  # fmt: skip
+    return Broken(suspicion, ~kept[stride])
+
+
+def _on_lines(seconds: FloatArray, values: FloatArray, kept: NDArray[np.bool_]) -> bool:
+    """Whether values [T] are far nearer to the lines between some of them than these are to those of every second."""
+    at, known = seconds[kept], values[kept]
+    off = np.abs(values - np.interp(seconds, at, known))[~kept]
+    bends = known[1:-1:2] - np.interp(at[1:-1:2], at[::2], known[::2])
+    return bool(_NEARER * np.quantile(off, _NEARLY_ALL) < np.median(np.abs(bends)))
 
 
 def _stuck_often(

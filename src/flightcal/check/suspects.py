@@ -41,8 +41,27 @@ _RUN_ONLY = "the simulator is no thermal network, or a reduced one: it is run, a
 _LEFT_BY_RUNS, _FAR_BY_RUNS = 0.5, 8.0
 """What one wrong may lack, and how far a parameter may then be, beside a simulator that is only run (see `ranked`):
 where a wrong is put right, how it begins is linear there."""
-_OF_ROWS = 4
-"""Channels with spikes, from which rows are damaged, and not sensors."""
+_MANY = 4
+"""Channels that show the same, from which that has one reason:"""
+_OF_MANY = {
+    "spike": (
+        "have spikes",
+        "Whole rows may be damaged.",
+        "Find what tells damaged rows, as a checksum, and write it as 'valid_where' of the channels in 'telemetry: "
+        "channels'; else leave these rows out",
+    ),
+    "held": (
+        "hold their readings",
+        "What keeps telemetry may give the last reading again.",
+        "Take the readings as they were sent, or keep one of so many samples",
+    ),
+    "interpolated": (
+        "have straight lines between readings",
+        "What keeps telemetry may have kept few readings, and filled in the rest.",
+        "Take the readings as they were sent, or keep one of so many samples",
+    ),
+}
+"""by kind: what they do, why, and what to do."""
 _HELPS = 30.0
 """Nats from which what does not explain the telemetry there is worth a word."""
 _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
@@ -71,7 +90,7 @@ def suspects(
     except (FlightcalError, SimulationFailure) as error:
         view, why_not = None, str(error)
     seen = _seen(window.simulator.channels, window.times, window.observed, modelled)
-    of_channels = _of_rows([channel.suspicion for channel in (*seen, *_elsewhere(problem, telemetry, seen))])
+    of_channels = _of_many([channel.suspicion for channel in (*seen, *_elsewhere(problem, telemetry, seen))])
     of_status = [*copied(window), *exchanged(window)]
     turning = in_turns(window.simulator.channels, window.observed, modelled)
     known_broken = {broken_channel.suspicion.about for broken_channel in seen}
@@ -94,21 +113,17 @@ def suspects(
     return replace(judged, found=(misread, *by_themselves), misfit=None)
 
 
-def _of_rows(of_channels: Sequence[Suspicion]) -> list[Suspicion]:
-    """What channels show by themselves, with spikes of many of them as one: whole rows are damaged then."""
-    spikes = [suspicion for suspicion in of_channels if suspicion.kind == "spike"]
-    names = list(dict.fromkeys(suspicion.about for suspicion in spikes))
-    if len(names) < _OF_ROWS:
-        return list(of_channels)
-    rows = Suspicion(
-        "spike",
-        " ".join(names),
-        f"{len(names)} channels have spikes",
-        f"Whole rows may be damaged. {names[0]}, for one: {spikes[0].sentence}",
-        "Find what tells damaged rows, as a checksum, and write it as 'valid_where' of the channels in 'telemetry: "
-        "channels'; else leave these rows out",
-    )
-    return [rows, *(suspicion for suspicion in of_channels if suspicion.kind != "spike")]
+def _of_many(of_channels: Sequence[Suspicion]) -> list[Suspicion]:
+    """What channels show by themselves, with what many of them show for one reason as one."""
+    found = list(of_channels)
+    for kind, (title, why, advice) in _OF_MANY.items():
+        alike = [suspicion for suspicion in found if suspicion.kind == kind]
+        names = list(dict.fromkeys(suspicion.about for suspicion in alike))
+        if len(names) >= _MANY:
+            sentence = f"{why} {names[0]}, for one: {alike[0].sentence}"
+            one = Suspicion(kind, " ".join(names), f"{len(names)} channels {title}", sentence, advice)
+            found = [one, *(suspicion for suspicion in found if suspicion.kind != kind)]
+    return found
 
 
 def _seen(

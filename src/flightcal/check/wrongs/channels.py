@@ -30,6 +30,11 @@ _BEND = 1.5
 """K, from which a curve is worth a word."""
 _GAIN, _MOST_GAIN = 0.3, 0.8
 """Prior deviation of a channel's gain from one; by how much a gain is off at most that is no unit."""
+_PIVOTS = (0.0, 25.0)
+"""degC, where a channel with a gain reads right: thermistors are of one resistance at 25 degC, whatever their curve."""
+_REFERENCE = 20.0
+"""So many times as rare as other wrongs is one of what reads all sensors: a model that is wrong is too warm or too cold
+in many places."""
 _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
 """K, deviations of mean and wandering of a channel that is not of this satellite; s, its correlation time."""
 _PART, _ALL = 0.25, 0.9
@@ -78,24 +83,59 @@ def _beside(view: ComparedWindow, channel: str) -> list[str]:
 
 
 def gains(view: ComparedWindow) -> Iterator[Wrong]:
-    """Each channel is so many times its temperature in degC."""
-    for k, channel in enumerate(view.channels):
-        column = view.misread(k, _GAIN * (view.modelled_of(k) - ICE_POINT))
+    """Each channel is so many times its temperature in degC, or so many times as far from 25 degC."""
+    for (k, channel), pivot in product(enumerate(view.channels), _PIVOTS):
+        column = view.misread(k, _GAIN * (view.modelled_of(k) - ICE_POINT - pivot))
 
-        def words(fit: Fit, channel: str = channel) -> Words:
+        def words(fit: Fit, channel: str = channel, pivot: float = pivot) -> Words:
             gain = 1.0 + _GAIN * float(fit.added[0])
-            write = (
-                f"; or write 'observations: {{{channel}: {{gain: {gain:.3f}}}}}'" if view.are_nodes([channel]) else ""
-            )
+            what, also, numbers = "what it should, in degC", "", f"gain: {gain:.3f}"
+            if pivot:
+                what, also = f"as far from {pivot:g} degC as it should", ", and whether it is that of this sensor"
+                numbers += f", bias: {pivot * (1.0 - gain):.2f} K"
+            write = f"; or write 'observations: {{{channel}: {{{numbers}}}}}'" if view.are_nodes([channel]) else ""
             return Words(
-                f"{channel} reads {number(gain, 3)} times what it should, in degC",
-                f"Divided by {number(gain, 3)}, {channel} alone, all channels agree with the model.",
-                f"Check the sensor's calibration curve{write}",
+                f"{channel} reads {number(gain, 3)} times {what}",
+                f"With that put right in {channel} alone, all channels agree with the model.",
+                f"Check the sensor's calibration curve{also}{write}",
             )
 
         yield Wrong(
-            "gain", channel, words, columns=column, least=0.1 / _GAIN, most=_MOST_GAIN / _GAIN, tries=len(view.channels)
+            "gain", channel, words, columns=column, least=0.1 / _GAIN, most=_MOST_GAIN / _GAIN,
+            tries=len(_PIVOTS) * len(view.channels),
+        )  # fmt: skip
+
+
+def of_all(view: ComparedWindow) -> Iterator[Wrong]:
+    """Every temperature reads too high or too low by a constant, or so many times as much too."""
+    every, t = range(len(view.channels)), len(view.rows.kept)
+    if len(every) < 2:
+        return
+    (size, _), *_ = _BIASES
+    offset = np.sum([view.misread(k, np.full(t, size)) for k in every], axis=0)
+    slope = np.sum([view.misread(k, _GAIN * (view.modelled_of(k) - ICE_POINT)) for k in every], axis=0)
+    advice = "Check what reads the sensors, as the reference of its converter, and the 'unit' of every temperature"
+
+    def biased(fit: Fit) -> Words:
+        bias = size * float(fit.added[0])
+        return Words(
+            f"Every temperature reads {number(abs(bias), 2)} K too {'high' if bias > 0 else 'low'}",
+            f"A constant bias of {bias:+.1f} K of all channels explains the telemetry best.",
+            advice,
         )
+
+    def scaled(fit: Fit) -> Words:
+        gain, bias = 1.0 + _GAIN * float(fit.added[0]), size * float(fit.added[1])
+        return Words(
+            f"Every temperature reads {number(gain, 3)} times what it should, in degC",
+            f"Less {bias:+.1f} K and divided by {number(gain, 3)}, all channels agree with the model.",
+            advice,
+        )
+
+    who = "every temperature"
+    yield Wrong("bias", who, biased, columns=offset, least=1.0 / size, most=_MOST_BIAS / size, tries=_REFERENCE)
+    both = np.concatenate([slope, offset], axis=1)
+    yield Wrong("gain", who, scaled, columns=both, least=0.05 / _GAIN, most=_MOST_GAIN / _GAIN, tries=_REFERENCE)
 
 
 def curves(view: ComparedWindow) -> Iterator[Wrong]:
@@ -224,7 +264,7 @@ def between(view: ComparedWindow) -> Iterator[Wrong]:
             )
 
         tries = len(view.channels) * (len(view.channels) - 1)
-        yield Wrong("between", channel, words, columns=column, least=_PART, most=_ALL, tries=tries)
+        yield Wrong("between", channel, words, columns=column, least=_PART, most=_ALL, lacked=True, tries=tries)
 
 
 def _drivers_of(scenario: Scenario, channel: str) -> list[str]:
@@ -311,7 +351,7 @@ def _span(values: FloatArray) -> str:
     return f"{number(float(low), 3)}..{number(float(high), 3)} degC"
 
 
-OF_ANY = (biases, gains, curves, drifts, swaps, units, between, unrelated)
+OF_ANY = (biases, gains, of_all, curves, drifts, swaps, units, between, unrelated)
 """What looks for them beside any simulator,"""
 WRONGS = (*OF_ANY, other_nodes)
 """and beside a network."""

@@ -45,6 +45,8 @@ _OF_PARTS = frozenset((block, kind) for block, kinds in _ALIKE for kind in kinds
 """Numbers that parts have in common,"""
 _MOST_OF_PARTS = 12
 """so many at most."""
+_TOGETHER = (1.0 / _MATTERS, _MATTERS, *FEW_TIMES)
+"""Times what they are, of numbers that are wrong together."""
 _OF_ALL = ("capacity", "conductance", "area")
 """Numbers that may be wrong in all parts by one factor."""
 _MOST_HELD = 10.0
@@ -71,8 +73,8 @@ def numbers(view: View) -> Iterator[Wrong]:
             again = near if factor in FEW_TIMES else None
             yield from _number(view, group, name, factor, _PER_NUMBER * len(fixed), again)
     together = _together(view)
-    for (places, name), factor in product(together.items(), FEW_TIMES):
-        tries = float(len(FEW_TIMES) * len(together))
+    for (places, name), factor in product(together.items(), _TOGETHER):
+        tries = float(len(_TOGETHER) * len(together))
         near = partial(_near, view, places, name, factor, tries)
         yield from _number(view, places, name, factor, tries, near)
 
