@@ -36,14 +36,14 @@ def test_a_tilted_body_is_named_with_about_its_angle(tmp_path):
 @pytest.mark.parametrize(
     "read", [lambda w, x, y, z: (w, -x, -y, -z), pytest.param(lambda w, x, y, z: (x, y, z, w), marks=pytest.mark.slow)]
 )
-def test_quaternions_of_another_convention_are_named(tmp_path, read):
+def test_quaternions_of_another_convention_are_named(tmp_path, read, named_of):
     written, true = boxed(), (0.5, 0.1, 0.7, 0.5)
     written["environment"]["attitude"] = pointed(true)
     _, data = small.closed_loop(tmp_path, written)
     for own in written["environment"]["attitude"]["named"].values():
         own["inertial"] = list(read(*own["inertial"]))
     scenario, _ = small.load(tmp_path, written)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "attitude", "faces")[0]
     assert (first.kind, first.about) == ("attitude", "quaternions")
 
 
@@ -114,7 +114,7 @@ def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, valu
     assert (first.kind, first.about) == ("attitude", name)
 
 
-def test_a_spin_with_another_period_is_named_with_what_to_write(tmp_path):
+def test_a_spin_with_another_period_is_named_with_what_to_write(tmp_path, named_of):
     written = boxed()
     written["simulator"]["nodes"]["panel"]["capacity"] = "200 J/K"
     del written["simulator"]["faces"]["back"]
@@ -123,7 +123,7 @@ def test_a_spin_with_another_period_is_named_with_what_to_write(tmp_path):
     scenario, _ = small.load(tmp_path, written)
     written["environment"]["attitude"] = spin | {"period": "12 min", "phase": "70 deg"}
     _, data = small.closed_loop(tmp_path, written)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "attitude", "faces")[0]
     assert (first.kind, first.about) == ("attitude", "period")
     period, phase = re.findall(r"'period: ([\d.]+) s', 'phase: (\d+) deg' and 'epoch: 2024-03-01", first.advice)[0]
     assert float(period) == pytest.approx(720.0, abs=2.0)
@@ -131,14 +131,14 @@ def test_a_spin_with_another_period_is_named_with_what_to_write(tmp_path):
 
 
 @pytest.mark.parametrize("true", [70, pytest.param(250, marks=pytest.mark.slow)])
-def test_a_spin_with_another_phase_is_named_with_the_phase_to_write(tmp_path, true):
+def test_a_spin_with_another_phase_is_named_with_the_phase_to_write(tmp_path, true, named_of):
     written = boxed()
     attitude = {"spin_axis": [0, 0, 1], "direction": [0, 0.6, 0.8], "period": "40 min", "epoch": "2024-03-01T00:00:00"}
     written["environment"]["attitude"] = attitude
     scenario, _ = small.load(tmp_path, written)
     written["environment"]["attitude"] = attitude | {"phase": f"{true} deg"}
     _, data = small.closed_loop(tmp_path, written)
-    (phase,) = re.findall(r"'phase: (\d+) deg'", named(scenario, data)[0].advice)
+    (phase,) = re.findall(r"'phase: (\d+) deg'", named_of(scenario, data, "attitude", "faces")[0].advice)
     assert abs(int(phase) - true) <= 5
 
 
@@ -166,7 +166,7 @@ def test_slews_that_take_longer_than_written_are_named(tmp_path):
     ],
     ids=["yaw steering", "another side to the Sun"],
 )
-def test_a_satellite_that_turns_to_the_sun_is_named(tmp_path, first, second, said):
+def test_a_satellite_that_turns_to_the_sun_is_named(tmp_path, first, second, said, named_of):
     written = boxed()
     # The Sun is far from the orbit's plane.
     written["environment"]["orbit"]["ltan"] = "16:00"
@@ -177,7 +177,7 @@ def test_a_satellite_that_turns_to_the_sun_is_named(tmp_path, first, second, sai
         "constrained": dict(zip(keys, second, strict=True)),
     }
     _, data = small.closed_loop(tmp_path, written)
-    found = named(scenario, data)[0]
+    found = named_of(scenario, data, "attitude", "faces")[0]
     assert found.title == f"The satellite flew {said}"
     assert "Write 'attitude: {aligned: {axis: " in found.advice
 
@@ -195,13 +195,13 @@ def _aligned(first, second):
     ],
     ids=["yaw steering with the other side to the Sun", "a roll to the other side"],
 )
-def test_an_axis_with_the_wrong_sign_is_named(tmp_path, flown, written, about):
+def test_an_axis_with_the_wrong_sign_is_named(tmp_path, flown, written, about, named_of):
     content = boxed()
     content["environment"]["orbit"]["ltan"] = "16:00"
     content["environment"]["attitude"] = _aligned((flown[0], "nadir"), (flown[1], "sun"))
     _, data = small.closed_loop(tmp_path, content)
     content["environment"]["attitude"] = _aligned((written[0], "nadir"), (written[1], "sun"))
     scenario, _ = small.load(tmp_path, content)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "attitude", "faces")[0]
     assert (first.kind, first.about) == ("attitude", about)
     assert "the other way" in first.title

@@ -15,13 +15,13 @@ def test_the_sign_of_a_driver_is_named(flown):
     assert "sign" in first.title
 
 
-def test_a_load_that_follows_the_size_of_its_driver_is_named(tmp_path):
+def test_a_load_that_follows_the_size_of_its_driver_is_named(tmp_path, named_of):
     written = small.content()
     scenario, data = small.load(tmp_path, written)
     seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
     charge = np.sin(seconds / 1500.0)
     data = small.telemetry_of(scenario, spoilt(data, sun=np.abs(charge)))
-    first = named(scenario, spoilt(data, sun=charge))[0]
+    first = named_of(scenario, spoilt(data, sun=charge), "drivers", "clocks")[0]
     assert (first.kind, first.about) == ("driver", "sun size")
     assert "absolute: true" in first.advice
 
@@ -37,23 +37,23 @@ def test_a_driver_that_is_of_no_column_of_the_telemetry_is_named(tmp_path):
     assert "not as its driver" in first.title
 
 
-def test_a_driver_of_another_unit_is_named_by_how_many_times(flown):
+def test_a_driver_of_another_unit_is_named_by_how_many_times(flown, named_of):
     scenario, data = flown
-    first = named(scenario, spoilt(data, sun=data["sun"] / 6.0))[0]
+    first = named_of(scenario, spoilt(data, sun=data["sun"] / 6.0), "drivers", "written")[0]
     assert (first.kind, first.about) == ("driver", "sun")
     assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(6.0, rel=0.2)
 
 
-def test_a_driver_with_several_times_the_heat_is_named_by_how_many_times(flown):
+def test_a_driver_with_several_times_the_heat_is_named_by_how_many_times(flown, named_of):
     scenario, data = flown
-    first = named(scenario, spoilt(data, sun=4.0 * data["sun"]))[0]
+    first = named_of(scenario, spoilt(data, sun=4.0 * data["sun"]), "drivers", "written")[0]
     assert (first.kind, first.about) == ("driver", "sun")
     assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(0.25, rel=0.05)
 
 
-def test_a_driver_in_amperes_that_is_read_as_a_thousand_times_as_many_is_named_by_its_size(tmp_path):
+def test_a_driver_in_amperes_that_is_read_as_a_thousand_times_as_many_is_named_by_its_size(tmp_path, named_of):
     scenario, data = with_a_bus(tmp_path)
-    first = named(scenario, spoilt(data, bus=1000.0 * data["bus"]))[0]
+    first = named_of(scenario, spoilt(data, bus=1000.0 * data["bus"]), "drivers", "written")[0]
     assert (first.kind, first.about) == ("driver", "bus")
     assert "nothing" not in first.title
     assert "'unit' of bus" in first.advice
@@ -84,8 +84,8 @@ def test_a_load_that_follows_another_column_is_named(tmp_path):
     assert first.title == "Load electronics follows bus, not sun"
 
 
-def test_a_load_that_is_left_out_is_named_by_the_driver_that_nothing_follows(tmp_path):
-    first = named(*with_a_bus(tmp_path, electronics=None))[0]
+def test_a_load_that_is_left_out_is_named_by_the_driver_that_nothing_follows(tmp_path, named_of):
+    first = named_of(*with_a_bus(tmp_path, electronics=None), "drivers", "clocks")[0]
     assert first.title == "A load of body is missing in the scenario: bus heats it"
     assert float(first.sentence.split(" W ")[0].split()[-1]) == pytest.approx(12.0, rel=0.1)
 
@@ -106,14 +106,16 @@ def with_a_current(folder, change):
     return small.load(folder, written, columns=columns)[0], data
 
 
-def test_a_load_that_is_left_out_may_be_of_one_sign_of_its_driver_alone(tmp_path):
-    first = named(*with_a_current(tmp_path, lambda loads: loads.pop("discharge")))[0]
+def test_a_load_that_is_left_out_may_be_of_one_sign_of_its_driver_alone(tmp_path, named_of):
+    first = named_of(*with_a_current(tmp_path, lambda loads: loads.pop("discharge")), "drivers", "clocks")[0]
     assert first.title == "A load of body is missing in the scenario: current below zero heats it"
 
 
-def test_a_driver_that_counts_the_other_way_round_than_a_loads_table_is_named(tmp_path):
+def test_a_driver_that_counts_the_other_way_round_than_a_loads_table_is_named(tmp_path, named_of):
     mirrored = [["-4 A", 0], ["0 A", 0], ["4 A", 1]]
-    first = named(*with_a_current(tmp_path, lambda loads: loads["discharge"].update(table=mirrored)))[0]
+    first = named_of(
+        *with_a_current(tmp_path, lambda loads: loads["discharge"].update(table=mirrored)), "drivers", "clocks"
+    )[0]
     assert first.title == "The driver current has the wrong sign"
 
 
@@ -124,8 +126,8 @@ def test_a_driver_that_heats_nothing_is_no_load_that_is_left_out(tmp_path):
     assert named(*small.closed_loop(tmp_path, written, columns={"bus": bus})) == ()
 
 
-def test_two_drivers_that_are_exchanged_are_named(tmp_path):
-    first = named(*with_a_bus(tmp_path, electronics="sun", sun="bus"))[0]
+def test_two_drivers_that_are_exchanged_are_named(tmp_path, named_of):
+    first = named_of(*with_a_bus(tmp_path, electronics="sun", sun="bus"), "drivers", "clocks")[0]
     assert first.title == "The drivers bus and sun are exchanged"
 
 
@@ -152,8 +154,8 @@ def with_a_table(folder, *factors):
     return small.load(folder, written, columns={"state": state})[0], data
 
 
-def test_factors_of_a_table_that_are_exchanged_are_named(tmp_path):
-    (only,) = named(*with_a_table(tmp_path, 0.0, 1.0, 0.3))
+def test_factors_of_a_table_that_are_exchanged_are_named(tmp_path, named_of):
+    (only,) = named_of(*with_a_table(tmp_path, 0.0, 1.0, 0.3), "drivers", "clocks")
     assert only.title == "Two factors in the table of load camera are exchanged"
     assert only.sentence.startswith("With 0.3 at 1 and 1 at 2,")
 

@@ -8,12 +8,12 @@ from tests import small
 from ..cases import boxed, named, sunlit
 
 
-def test_a_face_that_looks_the_other_way_is_named(tmp_path):
+def test_a_face_that_looks_the_other_way_is_named(tmp_path, named_of):
     written = sunlit()
     _, data = small.closed_loop(tmp_path, written)
     written["simulator"]["faces"]["outside"]["normal"] = [1, 0, 0]
     scenario, _ = small.load(tmp_path, written)
-    assert named(scenario, data)[0].title == "Face outside looks another way"
+    assert named_of(scenario, data, "faces", "attitude")[0].title == "Face outside looks another way"
 
 
 def test_a_body_that_tumbles_is_named(tmp_path):
@@ -51,7 +51,7 @@ DRIVEN = {"tracks_sun_about": [0, 1, 0]}, {"tracks_sun_about": [0, 1, 0], "back"
     ],
     ids=["not deployed", "a drive that stands still", "a drive that the scenario lacks"],
 )
-def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, written, flown, said):
+def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, written, flown, said, named_of):
     model = boxed()
     faces = model["simulator"]["faces"]
     cells = {"node": "panel", "area": "0.08 m^2", "absorptivity": 0.8, "emissivity": 0.8}
@@ -63,7 +63,7 @@ def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, 
     scenario, _ = small.load(tmp_path, model)
     faces["cells"]["normal"], faces["behind"]["normal"] = flown
     _, data = small.closed_loop(tmp_path, model)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "faces", "attitude")[0]
     assert first.title == "Faces cells and behind look another way"
     assert said in first.sentence
 
@@ -86,10 +86,10 @@ def hinged(front, back):
     ],
     ids=["its tilt forgotten", "said to follow the Sun"],
 )
-def test_a_wing_that_is_tilted_is_named_with_about_its_way(tmp_path, written):
+def test_a_wing_that_is_tilted_is_named_with_about_its_way(tmp_path, written, named_of):
     _, data = small.closed_loop(tmp_path, hinged([0, 0.6, -0.8], [0, -0.6, 0.8]))
     scenario, _ = small.load(tmp_path, hinged(*written))
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "faces", "attitude")[0]
     assert first.title == "Faces cells and behind look another way"
     x, y, z = map(float, first.sentence.split("normal [")[1].split("]")[0].split(","))
     # To half of the last step of 15 deg.
@@ -106,7 +106,7 @@ def test_a_side_that_looks_as_the_other_one_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("period", [None, "20 min"])
-def test_plates_of_a_body_that_spins_are_looked_at(tmp_path, period):
+def test_plates_of_a_body_that_spins_are_looked_at(tmp_path, period, named_of):
     model = boxed()
     spin = {"spin_axis": [0, 0, 1], "direction": [1, 0, 1]}
     model["environment"]["attitude"] = spin if period is None else spin | {"period": period, "epoch": "2024-03-01"}
@@ -116,7 +116,7 @@ def test_plates_of_a_body_that_spins_are_looked_at(tmp_path, period):
     scenario, _ = small.load(tmp_path, model)
     faces["top"]["normal"], faces["below"]["normal"] = faces["below"]["normal"], faces["top"]["normal"]
     _, data = small.closed_loop(tmp_path, model)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "faces", "written")[0]
     assert first.title in (
         "Faces top and below are exchanged",
         "faces.top and faces.below have each other's absorptivity and emissivity",

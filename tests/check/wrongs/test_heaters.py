@@ -31,13 +31,13 @@ def test_swapped_statuses_are_exchanged_by_what_tells_them_apart(tmp_path, colum
     assert advice == [f"Exchange '{key}' of heater_status and other_status in 'telemetry: channels'"]
 
 
-def test_a_heater_of_half_the_power_is_named_with_both(tmp_path):
+def test_a_heater_of_half_the_power_is_named_with_both(tmp_path, named_of):
     written = small.content()
     del written["parameters"]["power"]
     written["simulator"]["heaters"]["heater"]["power"] = "14 W"
     _, data = small.closed_loop(tmp_path)
     scenario, _ = small.load(tmp_path, written)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "heaters", "written")[0]
     assert (first.kind in ("heater", "number"), "power" in first.title) == (True, True)
     assert "2.0 times" in first.title or "0.50 times" in first.title
     assert "14.0" in first.sentence
@@ -75,23 +75,23 @@ def test_a_thermostat_switches_where_readings_turn_and_holds_between():
 
 
 @pytest.mark.parametrize("thresholds", [("50 degC", "55.4 degC"), ("-10 degC", "-7 degC")], ids=["on", "off"])
-def test_thresholds_of_a_heater_without_a_status_are_named_where_it_would_never_switch(tmp_path, thresholds):
+def test_thresholds_of_a_heater_without_a_status_are_named_where_it_would_never_switch(tmp_path, thresholds, named_of):
     _, data = small.closed_loop(tmp_path)
     written = silent(small.content())
     below, above = thresholds
     written["simulator"]["heaters"]["heater"] |= {"on_below": below, "off_above": above}
     scenario, _ = small.load(tmp_path, written)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "heaters", "channels")[0]
     assert (first.kind, first.about) == ("thresholds", "heater")
     assert ("below 'on_below'" if below == "50 degC" else "above 'on_below'") in first.sentence
 
 
-def test_a_heater_without_a_status_that_heats_another_node_is_named(tmp_path):
+def test_a_heater_without_a_status_that_heats_another_node_is_named(tmp_path, named_of):
     _, data = small.closed_loop(tmp_path)
     written = silent(small.content())
     written["simulator"]["heaters"]["heater"]["node"] = "panel"
     scenario, _ = small.load(tmp_path, written)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "heaters", "channels")[0]
     assert (first.kind, first.about) == ("heater", "heater")
     assert first.title == "heater heats body, not panel"
 

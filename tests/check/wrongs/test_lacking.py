@@ -18,7 +18,7 @@ def test_a_conductor_that_is_missing_is_named(tmp_path):
 @pytest.mark.parametrize(
     "set_by", [None, pytest.param("tray_link", marks=pytest.mark.slow)], ids=["as it is written", "set by a parameter"]
 )
-def test_a_conductor_at_another_node_is_named(tmp_path, set_by):
+def test_a_conductor_at_another_node_is_named(tmp_path, set_by, named_of):
     written = in_three()
     if set_by:
         prior = {"lognormal": {"median": "0.4 W/K", "factor": 1.3}}
@@ -27,7 +27,7 @@ def test_a_conductor_at_another_node_is_named(tmp_path, set_by):
     _, data = small.closed_loop(tmp_path, written, columns=TRAY)
     written["simulator"]["conductors"][-1]["between"] = ["panel", "tray"]
     scenario, _ = small.load(tmp_path, written, columns=TRAY)
-    assert named(scenario, data)[0].title == "Conductor outer is of body, not of panel"
+    assert named_of(scenario, data, "lacking", "written")[0].title == "Conductor outer is of body, not of panel"
 
 
 @pytest.mark.slow
@@ -78,11 +78,11 @@ def test_other_sides_of_two_wings_that_are_left_out_are_named_together(tmp_path)
     assert "the other sides of left_cells and right_cells" in first.sentence
 
 
-def test_a_face_of_a_node_that_has_none_is_named(tmp_path):
+def test_a_face_of_a_node_that_has_none_is_named(tmp_path, named_of):
     written = in_three()
     faces = written["simulator"]["faces"]
     faces["radiator"] = CELLS | {"node": "tray", "normal": [0, 1, 0], "absorptivity": 0.2}
     _, data = small.closed_loop(tmp_path, written, columns=TRAY)
     del faces["radiator"]
     scenario, _ = small.load(tmp_path, written, columns=TRAY)
-    assert named(scenario, data)[0].title == "A face of tray is missing in the scenario"
+    assert named_of(scenario, data, "lacking", "faces")[0].title == "A face of tray is missing in the scenario"

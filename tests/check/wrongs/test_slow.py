@@ -23,11 +23,13 @@ def test_a_slow_sensor_is_named_with_its_lag(flown):
     assert float(first.title.split()[-2]) == pytest.approx(12.0, rel=0.3)
 
 
-def test_where_a_slow_sensors_node_begins_is_not_what_its_first_sample_says(flown):
+def test_where_a_slow_sensors_node_begins_is_not_what_its_first_sample_says(flown, named_of):
     """The sensor was 30 K warmer than its panel when the window began."""
     scenario, data = flown
     left = 30.0 * np.exp(-np.arange(data.sizes["time"]) / 12.0)
-    first = named(scenario, spoilt(data, panel_temp=followed(data["panel_temp"].values, 12.0) + left))[0]
+    first = named_of(
+        scenario, spoilt(data, panel_temp=followed(data["panel_temp"].values, 12.0) + left), "slow", "channels"
+    )[0]
     assert (first.kind, first.about) == ("slow", "panel_temp")
     assert float(first.title.split()[-2]) == pytest.approx(12.0, rel=0.2)
 
@@ -55,11 +57,12 @@ def test_a_smoothed_channel_is_named_with_the_time(flown):
     assert float(first.title.split()[-2]) == pytest.approx(41.0, rel=0.3)
 
 
-def test_what_means_hold_from_beyond_the_window_is_not_known(flown):
+def test_what_means_hold_from_beyond_the_window_is_not_known(flown, named_of):
     """The same means, of a panel that was much colder before the window and much warmer after it."""
     scenario, data = flown
     panel = data["panel_temp"].values
     around = np.concatenate([np.full(20, panel[0] - 20.0), panel, np.full(20, panel[-1] + 20.0)])
-    first = named(scenario, spoilt(data, panel_temp=np.convolve(around, np.ones(41) / 41.0, mode="valid")))[0]
+    means = spoilt(data, panel_temp=np.convolve(around, np.ones(41) / 41.0, mode="valid"))
+    first = named_of(scenario, means, "slow", "channels")[0]
     assert (first.kind, first.about) == ("slow", "panel_temp")
     assert "smoothed" in first.title
