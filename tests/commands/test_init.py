@@ -70,6 +70,10 @@ def test_samples_that_are_seconds_apart_are_averaged_and_lint_advises_it(tmp_pat
 def test_lint_advises_means_over_a_minute_where_a_window_has_many_samples(tmp_path, interval, rows, advised):
     frame(rows, interval=interval).to_csv(tmp_path / "data.csv", index=False)
     run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    # Steps that lint would choose by many long simulations.
+    file = tmp_path / "sat" / "scenario.yaml"
+    file.write_text(file.read_text().replace("\nsimulator:\n", "\nsimulator:\n  step: 60 s\n"))
+    assert load_scenario(file).network.step == 60.0
     told = f"advice: telemetry: samples are {interval:g} s apart (tt_bat); write 'average: 60 s'"
     assert (told in lint(tmp_path / "sat")) == advised
 
