@@ -110,7 +110,8 @@ def test_a_scenario_that_is_missing_is_a_message(tmp_path):
         assert not (tmp_path / "run").exists()
 
 
-def test_a_failed_gate_has_its_own_exit_code_and_the_report_can_be_written_again(tmp_path):
+def test_a_failed_gate_has_its_own_exit_code_and_the_report_can_be_written_again(tmp_path, monkeypatch):
+    small.unsuspected(monkeypatch)
     scenario = write(tmp_path, nuts={"min_ess": 1e6, "draws": 50, "warmup": 50})
     result = run(app, ["calibrate", str(scenario), "--out", str(tmp_path / "run")])
     assert result.exit_code == GATE_FAILED, result.output
@@ -196,6 +197,7 @@ def test_an_interruption_before_the_first_draw_has_the_exit_code_of_one(tmp_path
         return dataclasses.replace(draws, z=draws.z[:, :0], interrupted=True)
 
     monkeypatch.setattr(methods, "sample_problem", cut)
+    small.unsuspected(monkeypatch)
     scenario = write(tmp_path, nuts={"draws": 50, "warmup": 50})
     result = run(app, ["calibrate", str(scenario), "--out", str(tmp_path / "run")])
     assert result.exit_code == INTERRUPTED, result.output

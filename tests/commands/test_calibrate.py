@@ -350,7 +350,8 @@ def test_a_moved_scenario_with_another_comment_is_the_same_run_and_its_calibrate
     assert str(tmp_path / "telemetry.csv") in text
 
 
-def test_a_failed_gate_fails_the_summary_and_saves_everything(tmp_path):
+def test_a_failed_gate_fails_the_summary_and_saves_everything(tmp_path, monkeypatch):
+    small.unsuspected(monkeypatch)
     summary = run_experiment(write(tmp_path, nuts={"min_ess": 1e6}), tmp_path / "run")
     assert not summary.passed
     assert "effective draws" in summary.diagnostics["verdict"]
@@ -359,6 +360,7 @@ def test_a_failed_gate_fails_the_summary_and_saves_everything(tmp_path):
 
 def test_interrupted_sampling_is_saved_reported_and_taken_up_again(tmp_path, monkeypatch):
     scenario, run = write(tmp_path), tmp_path / "run"
+    small.unsuspected(monkeypatch)
     whole = stages.calibrate_nuts
 
     def cut_short(*arguments, **options):
@@ -386,7 +388,8 @@ def test_interrupted_sampling_is_saved_reported_and_taken_up_again(tmp_path, mon
     assert not summary.interrupted
 
 
-def test_a_genetic_algorithm_that_is_taken_over_is_that_which_would_be_run(finished, tmp_path):
+def test_a_genetic_algorithm_that_is_taken_over_is_that_which_would_be_run(finished, tmp_path, monkeypatch):
+    small.unsuspected(monkeypatch)
     scenario, run, _ = finished
     content = YAML(typ="safe").load(scenario)
     other = scenario.with_name("other.yaml")

@@ -8,6 +8,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from flightcal.commands import demo
+from tests import small
 from tests.commands.test_calibrate import write
 
 
@@ -15,7 +16,12 @@ from tests.commands.test_calibrate import write
 def satellite(tmp_path_factory):
     """A folder as the bundled satellite's, whose `reduce.yaml` is a scenario, which takes less time."""
     folder = tmp_path_factory.mktemp("satellite")
-    first = write(folder)
+    first = write(
+        folder,
+        genetic={"population": 8, "generations": 4},
+        nuts={"draws": 50, "warmup": 50},
+        prediction={"simulations": 20},
+    )
     content = YAML(typ="safe").load(first)
     for name in ("published.yaml", "reduce.yaml"):
         shutil.copy(first, folder / name)
@@ -37,6 +43,7 @@ def demonstrated(satellite, tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "run_experiment", experiment)
+        small.unsuspected(patch)
         return out, demo.run_demo(out, satellite), seen
 
 

@@ -34,6 +34,7 @@ from flightcal.scenario import (
     written_values,
 )
 from flightcal.telemetry import read
+from tests import small
 from tests.reduction import craft
 
 PARAMETERS = list(craft.REDUCTION["parameters"])
@@ -153,7 +154,10 @@ def test_the_sensors_of_a_reduced_model_have_gain_bias_and_time_offset(folder):
 
 
 @pytest.mark.parametrize("heat", ["none", pytest.param("default", marks=pytest.mark.slow)])
-def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder, heat):
+def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder, heat, monkeypatch):
+    if heat == "none":
+        small.unsuspected(monkeypatch)
+
     def quick(content):
         content |= {"heat": "none"} if heat == "none" else {}
         content["calibration"] = {
