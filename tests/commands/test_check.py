@@ -86,6 +86,7 @@ def test_the_same_check_is_not_made_twice_and_another_profile_is_another_check(d
 
 def test_a_scenario_with_a_product_of_unknowns_and_an_unreachable_channel_exits_with_3(tmp_path):
     written = small.content()
+    written["windows"]["train"]["end"] = "2024-03-01T01:30:00"
     del written["parameters"]["link"]
     for name in ("contact_area", "contact_conductance"):
         written["parameters"][name] = {
