@@ -21,7 +21,7 @@ def followed(without_heaters):
     told = Told()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(with_heat, "_STRAIGHT", 1e-9)
-        settings = NutsSettings(chains=2, warmup=150, draws=100, max_r_hat=1.5, min_ess=5)
+        settings = NutsSettings(chains=2, warmup=100, draws=60, max_r_hat=1.5, min_ess=5)
         return calibrate_nuts(without_heaters, settings, seed=3, progress=told), told
 
 
