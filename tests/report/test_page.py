@@ -35,9 +35,16 @@ def figures(page):
     return drawn(page)["figures"]
 
 
-def test_the_report_lies_in_the_run_unless_told_otherwise(slim_run, tmp_path):
+@pytest.fixture
+def undrawn(monkeypatch):
+    """A page of one word, where a test is of its file."""
+    monkeypatch.setattr("flightcal.report.page.render", lambda *_, **__: "drawn")
+
+
+def test_the_report_lies_in_the_run_unless_told_otherwise(slim_run, tmp_path, undrawn):
     assert write_report(slim_run) == slim_run / "report.html"
     assert write_report(slim_run, tmp_path / "else.html") == tmp_path / "else.html"
+    assert (slim_run / "report.html").read_text() == (tmp_path / "else.html").read_text() == "drawn"
     assert (tmp_path / "else.html").stat().st_mode & 0o044
     assert not list(slim_run.glob(".*"))
 
@@ -51,7 +58,7 @@ def test_a_report_that_fails_leaves_the_old_one(own_run):
     assert not list(own_run.glob(".*"))
 
 
-def test_a_page_that_cannot_be_written_leaves_no_part_behind(slim_run, monkeypatch):
+def test_a_page_that_cannot_be_written_leaves_no_part_behind(slim_run, undrawn, monkeypatch):
     def refuse(*_):
         raise OSError("no space")
 
