@@ -10,14 +10,14 @@ from tests import small
 from ..cases import boxed, named, pointed, two_faced
 
 
-def test_nadir_and_zenith_confused_are_the_bodys_axes(tmp_path):
+def test_nadir_and_zenith_confused_are_the_bodys_axes(tmp_path, named_of):
     written = two_faced()
     _, data = small.closed_loop(tmp_path, written)
     for face in written["simulator"]["faces"].values():
         face["normal"] = [-axis for axis in face["normal"]]
     scenario, right = small.load(tmp_path, written)
     assert right.sizes == data.sizes
-    assert named(scenario, data)[0].title == "The body's axes are others"
+    assert named_of(scenario, data, "faces", "attitude")[0].title == "The body's axes are others"
 
 
 def test_a_tilted_body_is_named_with_about_its_angle(tmp_path):
@@ -166,7 +166,7 @@ def test_slews_that_take_longer_than_written_are_named(tmp_path):
     ],
     ids=["yaw steering", "another side to the Sun"],
 )
-def test_a_satellite_that_turns_to_the_sun_is_named(tmp_path, first, second, said, named_of):
+def test_a_satellite_that_turns_to_the_sun_is_named(tmp_path, first, second, said):
     written = boxed()
     # The Sun is far from the orbit's plane.
     written["environment"]["orbit"]["ltan"] = "16:00"
@@ -177,7 +177,7 @@ def test_a_satellite_that_turns_to_the_sun_is_named(tmp_path, first, second, sai
         "constrained": dict(zip(keys, second, strict=True)),
     }
     _, data = small.closed_loop(tmp_path, written)
-    found = named_of(scenario, data, "attitude", "faces")[0]
+    found = named(scenario, data)[0]
     assert found.title == f"The satellite flew {said}"
     assert "Write 'attitude: {aligned: {axis: " in found.advice
 

@@ -153,20 +153,20 @@ def test_a_packet_of_another_day_is_named(tmp_path):
     assert first.title == "packet outside is 24 h late"
 
 
-def test_the_packet_of_all_temperatures_is_late_beside_status_and_drivers(flown, named_of):
+def test_the_packet_of_all_temperatures_is_late_beside_status_and_drivers(flown):
     scenario, data = flown
     split = in_packets(scenario, {"body_temp": "tcs", "panel_temp": "tcs", "heater_status": "eps", "sun": "eps"})
     early = {name: np.roll(data[name].values, -12) for name in ("heater_status", "sun")}
-    titles = {own.about: own.title.split() for own in named_of(split, spoilt(data, **early), "clocks", "channels")}
+    titles = {own.about: own.title.split() for own in named(split, spoilt(data, **early))}
     title = titles["body_temp panel_temp"]
     assert title[1] == "tcs"
     assert title[5] == "late"
     assert float(title[3]) == pytest.approx(12.0, abs=2.0)
 
 
-def test_a_driver_that_is_late_is_named_with_the_minutes(flown, named_of):
+def test_a_driver_that_is_late_is_named_with_the_minutes(flown):
     scenario, data = flown
-    first = named_of(scenario, spoilt(data, sun=np.roll(data["sun"].values, 15)), "clocks", "drivers")[0]
+    first = named(scenario, spoilt(data, sun=np.roll(data["sun"].values, 15)))[0]
     assert (first.kind, first.about) == ("driver clock", "sun")
     assert first.title.endswith("late")
     assert float(first.title.split()[4]) == pytest.approx(15.0, abs=1.0)

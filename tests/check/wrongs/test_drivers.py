@@ -131,14 +131,14 @@ def test_two_drivers_that_are_exchanged_are_named(tmp_path, named_of):
     assert first.title == "The drivers bus and sun are exchanged"
 
 
-def test_a_load_in_another_node_is_named(tmp_path):
+def test_a_load_in_another_node_is_named(tmp_path, named_of):
     written = small.content()
     _, data = small.closed_loop(tmp_path, written)
     ((name, load),) = written["simulator"]["loads"].items()
     right = load["node"]
     load["node"] = next(node for node in written["simulator"]["nodes"] if node not in (right, "space"))
     scenario, _ = small.load(tmp_path, written)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "drivers", "clocks")[0]
     assert first.title == f"Load {name} heats {right}, not {load['node']}"
 
 
@@ -175,7 +175,7 @@ def test_nothing_is_said_of_two_drivers_that_are_right(tmp_path):
         (lambda pitch: 180.0 - pitch, "The angle pitch is that from the opposite axis"),
     ],
 )
-def test_an_angle_of_another_unit_or_from_another_axis_is_named(tmp_path, read, title):
+def test_an_angle_of_another_unit_or_from_another_axis_is_named(tmp_path, read, title, named_of):
     written = small.content()
     written["telemetry"]["channels"]["pitch"] = {"column": "pitch", "kind": "driver", "unit": "deg"}
     load = {"node": "panel", "driver": "pitch", "coefficient": "15 W", "table": [[0, 1], [60, 0.3], [120, 0], [180, 0]]}
@@ -184,5 +184,5 @@ def test_an_angle_of_another_unit_or_from_another_axis_is_named(tmp_path, read, 
     scenario, data = small.closed_loop(tmp_path, written, columns={"pitch": pitch})
     assert named(scenario, data) == ()
     scenario, _ = small.load(tmp_path, written, columns={"pitch": read(pitch)})
-    first = named(scenario, spoilt(data, pitch=np.deg2rad(read(pitch))))[0]
+    first = named_of(scenario, spoilt(data, pitch=np.deg2rad(read(pitch))), "drivers", "clocks")[0]
     assert first.title == title

@@ -97,7 +97,7 @@ def test_a_heater_without_a_status_that_heats_another_node_is_named(tmp_path, na
 
 
 @pytest.mark.parametrize("thresholds", [("60 degC", "65 degC"), ("-90 degC", "-80 degC")], ids=["on", "off"])
-def test_a_heater_without_a_status_that_never_switches_is_not_suspected(tmp_path, thresholds):
+def test_a_heater_without_a_status_that_never_switches_is_not_suspected(tmp_path, thresholds, named_of):
     written = small.content()
     below, above = thresholds
     second = {"node": "panel", "power": "5 W", "sensor": "panel", "on_below": below, "off_above": above}
@@ -108,7 +108,8 @@ def test_a_heater_without_a_status_that_never_switches_is_not_suspected(tmp_path
     written["simulator"]["heaters"]["second"] = second
     scenario, _ = small.load(tmp_path, written)
     assert named(scenario, data) == ()
-    first = named(scenario, spoilt(data, panel_temp=data["panel_temp"].to_numpy() + 12.0))[0]
+    warmer = spoilt(data, panel_temp=data["panel_temp"].to_numpy() + 12.0)
+    first = named_of(scenario, warmer, "heaters", "channels")[0]
     assert (first.kind, first.about) == ("bias", "panel_temp")
 
 
