@@ -270,6 +270,15 @@ def test_short_peaks_that_rise_fast_and_fall_slowly_are_clipped_where_the_model_
     assert found(read, 288.0 + 1.5 * (peaks - 288.0)) is None
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_a_panel_that_is_steady_in_sunlight_is_not_clipped(known):
+    places = np.arange(200) % 50
+    panel = 300.0 - 90.0 * np.where(places < 12, 1.0 - np.exp(-places / 4.0), np.exp(-(places - 12) / 0.8))
+    panel[places < 12] += np.random.default_rng(0).normal(0.0, 1.0, 200)[places < 12]
+    modelled = panel - 6.0 if known else np.full(200, np.nan)
+    assert found(np.round(panel), modelled) is None
+
+
 def test_a_flat_top_within_a_step_is_not_clipped():
     assert found(telemetry(step=2.0, noise=0.0)) is None
 

@@ -19,6 +19,7 @@ from ..compared_window import ComparedWindow
 from ..network_view import View
 from ..sunlight import FINE, REACH, ZONES
 from .wrong import (
+    NARROWER,
     SHIFT,
     SHIFTS,
     Words,
@@ -40,8 +41,6 @@ _OF_A_TURN, _OF_SPIN = 1.0 / 12.0, 1800.0
 """Of a body that spins: shifts are so much of a turn apart, up to so many s."""
 _WHOLE_ORBITS = 4.0
 """Times less likely is a clock that is off by more than half an orbit: the same with an orbit less fits as well."""
-_NARROWER = 0.25
-"""How much nearer to the best shift so far the next ones are looked for."""
 _NEAR = 0.48
 """Hours from the middle between two whole ones: about a minute from one of them."""
 _MOSTLY_LATE = 3.0
@@ -82,7 +81,7 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray | None = None, apar
             f"{check}; shift it by {-late:+.0f} s",
         )
         less = late - round(late / view.window.period) * view.window.period
-        near = partial(clocks, view, np.union1d(closer(late, apart), closer(less, apart)), _NARROWER * apart)
+        near = partial(clocks, view, np.union1d(closer(late, apart), closer(less, apart)), NARROWER * apart)
         tries = len(SHIFTS) * (_WHOLE_ORBITS if abs(late) > 0.5 * view.window.period else 1.0)
         yield from driven_otherwise("clock", "time", words, view, tries=tries, closer=near, sunlight=late, modes=late)
 
@@ -169,7 +168,7 @@ def status_clocks(
             "on.",
             f"Check the time tags of {listed(list(channels.values()))}",
         )
-        near = partial(status_clocks, view, closer(late, apart), _NARROWER * apart)
+        near = partial(status_clocks, view, closer(late, apart), NARROWER * apart)
         yield from driven_otherwise("status clock", "status", words, view, tries=len(few), closer=near, telemetry=data)
 
 
@@ -218,7 +217,7 @@ def channel_clocks(
 
 def _channels_like(view: ComparedWindow, names: Sequence[str], late: float, apart: float) -> Iterator[Wrong]:
     """About as late, and as late with one more channel: those of one unit are late together."""
-    yield from channel_clocks(view, closer(late, apart), [names], _NARROWER * apart)
+    yield from channel_clocks(view, closer(late, apart), [names], NARROWER * apart)
     others = [name for name in _simulated(view) if name not in names]
     # All of them are the telemetry's clock.
     if len(others) > 1:
@@ -267,7 +266,7 @@ def clocks_as_read(
             "Check the time column, its zone and leap seconds, and when the simulator begins; shift it by "
             f"{-late:+.0f} s",
         )
-        near = partial(clocks_as_read, view, closer(late, apart), _NARROWER * apart)
+        near = partial(clocks_as_read, view, closer(late, apart), NARROWER * apart)
         smoothed = view.smoothed(late, view.channels)
         yield Wrong("clock", "time", words, observed, tries=len(SHIFTS), smoothed=smoothed, closer=near)
 
@@ -307,7 +306,7 @@ def packet_clocks(
             f"Moved by {minutes(late)}, this packet alone, all channels agree with the model.",
             f"Check the time column of packet {packet}: its zone, its epoch, its leap seconds",
         )
-        near = partial(packet_clocks, view, closer(late, apart), packet, _NARROWER * apart)
+        near = partial(packet_clocks, view, closer(late, apart), packet, NARROWER * apart)
         tries = len(few) * len(packets)
         smoothed = view.smoothed(late, temperatures)
         about = " ".join(members)
@@ -334,7 +333,7 @@ def driver_clocks(
             f"Temperatures follow it {minutes(late)} {'before' if late > 0 else 'after'} it changes.",
             f"Check the time tags of {driver}",
         )
-        near = partial(driver_clocks, view, closer(late, apart), driver, _NARROWER * apart)
+        near = partial(driver_clocks, view, closer(late, apart), driver, NARROWER * apart)
         tries = len(_FEW_SHIFTS) * len(drivers)
         yield Wrong("driver clock", driver, words, window=window, tries=tries, closer=near)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import combinations, product
+from itertools import chain, combinations, product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -149,8 +149,9 @@ def _two_sided(
         for a, b in combinations(normals, 2)
         if faces_of[a].node == faces_of[b].node and alike(normals[a], behind(normals[b])) > 1.0 - SAME
     ]
-    like = [_like(front, pairs, normals) for front, _ in pairs]
-    return pairs, [pairs for k, pairs in enumerate(like) if len(pairs) > 1 and pairs not in like[:k]]
+    # From either side they are the same wings.
+    wings = {frozenset(chain(*like)): like for front, _ in pairs if len(like := _like(front, pairs, normals)) > 1}
+    return pairs, list(wings.values())
 
 
 def _like(front: str, pairs: Sequence[tuple[str, str]], normals: Mapping[str, FaceNormal]) -> list[tuple[str, str]]:

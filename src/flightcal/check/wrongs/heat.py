@@ -17,7 +17,21 @@ from ...telemetry import spells, status_or_unknown
 from ...words import listed, number
 from ..evidence import Fit
 from ..network_view import View, pieces
-from .wrong import LACKED, PIECES, SHIFTS, Words, Wrong, driven_otherwise, flow_through, minutes, off, status_channels
+from .wrong import (
+    LACKED,
+    NARROWER,
+    PIECES,
+    SHIFT,
+    SHIFTS,
+    Words,
+    Wrong,
+    closer,
+    driven_otherwise,
+    flow_through,
+    minutes,
+    off,
+    status_channels,
+)
 
 _ALL_THE_TIME = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Of what flows through a node, heat that it may lack all the time."""
@@ -41,7 +55,7 @@ _HEATED = 3.0
 
 
 def modes(view: View) -> Iterator[Wrong]:
-    """A mode lacks power in a node, or the timeline is not of this flight."""
+    """A mode lacks power in a node."""
     model, centre = view.window.scenario.network, view.middle
     always = {node: _common(view, node) for node in view.heat.nodes}
     in_common: dict[str, FloatArray] = {}
@@ -71,16 +85,26 @@ def modes(view: View) -> Iterator[Wrong]:
 
             least = max(0.5 * abs(written - always[node]), 0.15 * flow) / size
             yield Wrong("mode", mode, words, columns=effect, least=least, tries=len(model.modes) * len(view.heat.nodes))
-    if len({change.mode for change in model.timeline}) < 2:
-        return
-    yield from _exchanged(view)
-    for late in (*SHIFTS, *_DATES):
-        words_of = Words(
+
+
+def late_modes(
+    view: View, seconds: Sequence[float] | FloatArray = (*SHIFTS, *_DATES), apart: float = SHIFT
+) -> Iterator[Wrong]:
+    """Modes begin and end later than the timeline says, or earlier. apart: how far around others are tried."""
+    for late in map(float, seconds if _takes_turns(view) else ()):
+        words = Words(
             f"The timeline of modes is {off(-late)}",
             f"Modes begin and end {minutes(late)} {'after' if late > 0 else 'before'} what the timeline says.",
             "Check the times in 'simulator: timeline', and their zone",
         )
-        yield from driven_otherwise("mode", "timeline", words_of, view, tries=len(SHIFTS) + len(_DATES), modes=late)
+        near = partial(late_modes, view, closer(late, apart), NARROWER * apart)
+        tries = len(SHIFTS) + len(_DATES)
+        yield from driven_otherwise("mode", "timeline", words, view, tries=tries, closer=near, modes=late)
+
+
+def _takes_turns(view: View) -> bool:
+    """Whether the timeline has two modes."""
+    return len({change.mode for change in view.window.scenario.network.timeline}) > 1
 
 
 def _common(view: View, node: str) -> float:
@@ -127,10 +151,10 @@ def _mode_elsewhere(
         yield Wrong("mode", mode, of_all, columns=columns, least=0.6, tries=tries)
 
 
-def _exchanged(view: View) -> Iterator[Wrong]:
+def exchanged(view: View) -> Iterator[Wrong]:
     """Two modes are each other's."""
     columns = view.network.network.columns
-    pairs = list(combinations(view.window.scenario.network.modes, 2))
+    pairs = list(combinations(view.window.scenario.network.modes, 2)) if _takes_turns(view) else []
     for one, other in pairs:
         words = Words(
             f"Modes '{one}' and '{other}' are exchanged",
@@ -348,5 +372,5 @@ def turning(values: FloatArray, swing: float) -> FloatArray | None:
     return found
 
 
-WRONGS = (modes, missing_heat, constant_heat)
+WRONGS = (modes, exchanged, late_modes, missing_heat, constant_heat)
 """What looks for them."""

@@ -9,9 +9,10 @@ from functools import partial
 from typing import Any
 
 from ...errors import FlightcalError
-from ...scenario import AttitudeChange, AttitudeTimeline, spins_fast
+from ...scenario import AlignedAttitude, AttitudeChange, AttitudeTimeline, Pointing, SunTracking, spins_fast
 from ...simulator import FloatArray
 from ..network_view import View
+from .normals import AXES, alike, turnable, written
 from .stretches import Flown, Nats, Stretch, flown_otherwise, with_stretches
 from .wrong import Wrong, attitude_of, brought, elsewhere, shine, span_of
 
@@ -24,6 +25,7 @@ def otherwise_pointed(view: View, z: FloatArray, nats: Nats) -> Iterator[Wrong]:
     attitude = _timeline(view)
     if attitude is None:
         return
+    attitude = _with_wing_to_the_sun(view, attitude)
     names = dict.fromkeys([*attitude.named, *_written(attitude), "nadir", "sun_pointing"])
     absorbed, more = _absorbed(view, attitude), {}
     for name in names:
@@ -48,6 +50,21 @@ def _timeline(view: View) -> AttitudeTimeline | None:
     if isinstance(attitude, AttitudeTimeline):
         return attitude
     return AttitudeTimeline(timeline=(AttitudeChange(at=span_of(view)[0] - timedelta(days=1), attitude=attitude),))
+
+
+def _with_wing_to_the_sun(view: View, attitude: AttitudeTimeline) -> AttitudeTimeline:
+    """With the face that takes most of the Sun turned to it, among those that have names: so batteries are charged."""
+    fixed = {name: way for name, way in turnable(view).items() if not isinstance(way, SunTracking)}
+    faces = view.window.scenario.network.faces
+    if not fixed:
+        return attitude
+    way = fixed[max(fixed, key=lambda name: faces[name].area * faces[name].absorptivity)]
+    other = min(AXES, key=lambda axis: (abs(alike(axis, way)), -axis[2]))
+    charging = AlignedAttitude(
+        aligned=Pointing(axis=way, towards="sun"), constrained=Pointing(axis=other, towards="nadir")
+    )
+    named = {f"{written(way)} to the Sun": charging, **attitude.named}
+    return attitude.model_copy(update={"named": named})
 
 
 def _written(attitude: AttitudeTimeline) -> list[str]:

@@ -40,6 +40,8 @@ thresholds that are not kept, a status that is of no use. What says what happene
 SHIFT = 240.0
 """s, between the shifts of a clock that are tried first."""
 SHIFTS = tuple(shift for k in range(1, round(REACH / SHIFT)) for shift in (-k * SHIFT, k * SHIFT))
+NARROWER = 0.25
+"""How much nearer to the best shift so far the next ones are looked for."""
 FACTORS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 """By which a number is off that has the wrong unit or one digit too many."""
 FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
