@@ -290,6 +290,7 @@ def test_findings_name_the_best_and_below_it_the_others():
     assert [own.title for own in found] == ["Likely wrong: a is stuck", "Likely wrong, one of 2: b reads 3 K too high"]
     assert found[1].details == ("Or: c is in degF.",)
     assert [own.state for own in suspected(Suspects((), True))] == ["good"]
+    assert [own.state for own in suspected(Suspects((), True), reached=False)] == ["warn"]
     assert suspected(Suspects()) == []
 
 

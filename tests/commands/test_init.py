@@ -371,18 +371,19 @@ def test_the_bits_of_a_status_word_are_heaters_only_where_a_temperature_obeys_th
     assert "by no temperature a heater's: status_1, status_3." in written
 
 
-def test_the_period_is_that_after_which_temperatures_come_again(tmp_path: Path):
+@pytest.mark.parametrize(("wave", "period"), [(1436.0, 1436.0), (1220.0, 1436.0), (718.0, 718.0)])
+def test_the_period_is_that_after_which_temperatures_come_again(tmp_path: Path, wave, period):
     minutes = np.arange(0.0, 4 * 1436.0, 5.0)
     table = pd.DataFrame({"time": text(seconds(*(60.0 * minutes)))})
     for k, name in enumerate(("north", "south", "east")):
         noise = np.random.default_rng(k).standard_normal(len(minutes))
-        table[f"{name} [degC]"] = 10.0 * np.sin(2.0 * np.pi * minutes / 1436.0 + k) + 0.01 * k * minutes + noise
+        table[f"{name} [degC]"] = 10.0 * np.sin(2.0 * np.pi * minutes / wave + k) + 0.01 * k * minutes + noise
     table.to_csv(tmp_path / "data.csv", index=False)
     assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
     scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
-    assert scenario.environment.period == pytest.approx(1436.0 * 60.0, rel=0.01)
+    assert scenario.environment.period == pytest.approx(period * 60.0, rel=0.01)
     train = scenario.windows["train"]
-    assert (train.end - train.start).total_seconds() > 1.9 * 86400.0
+    assert (train.end - train.start).total_seconds() > 1.9 * period * 60.0
 
 
 def test_counts_of_a_clock_that_would_be_a_time_in_far_future_are_counts(tmp_path: Path):
@@ -499,7 +500,7 @@ def test_a_file_of_every_kind_goes_from_init_to_lint(tmp_path: Path, kind: str):
 def test_without_a_temperature_by_name_those_by_their_values_are_taken_and_said_to_be_guesses(tmp_path, zero, unit):
     table = frame(40).drop(columns="TT_BAT")
     wave = np.sin(np.arange(40) / 5.0)
-    table["TM_BODY"], table["TM_BUS_I"] = (zero + 10.0 + 20.0 * wave).round(1), (1.0 + 0.5 * wave).round(2)
+    table["TM_BODY"], table["TM_BUS_I"] = (zero + 10.0 + 20.0 * wave).round(1), (5.0 + 25.0 * wave).round(2)
     table.to_csv(tmp_path / "hk.csv", index=False)
     assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "hk.csv")]).exit_code == 0
     channels = load_scenario(tmp_path / "sat" / "scenario.yaml").telemetry.channels

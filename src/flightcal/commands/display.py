@@ -252,7 +252,14 @@ def print_check(summary: CheckSummary, console: Console | None = None) -> None:
     console = console or Console()
     style = "green" if summary.passed else "bold red"
     console.print(f"\n{summary.verdict}", style=style, highlight=False, markup=False)
-    _print_findings(summary.findings, console)
+    bad = [finding for finding in summary.findings if finding.state == "bad"]
+    cautions = [finding for finding in summary.findings if finding.state == "warn"]
+    _print_findings(bad or summary.findings, console)
+    if bad and cautions:
+        console.print("\nCautions, which may follow from that; the page tells more of them:", highlight=False)
+        for finding in cautions:
+            line = Text(f"{finding.mark}: {finding.title}", style=_COLOURS[finding.state])
+            console.print(Padding(line, (0, 0, 0, 2), expand=False), highlight=False)
     say(console, f"\npage: {summary.page}")
 
 

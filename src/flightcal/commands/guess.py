@@ -39,6 +39,8 @@ _EXACT = 0.1
 """K by which what a sensor reads at its heater's switches differs anyway."""
 _PERIODS = (85 * 60.0, 25 * 3600.0)
 """s, of the lowest orbit and of a geostationary one."""
+_SIDEREAL_DAY, _OF_A_DAY = 86164.1, 0.2
+"""s, of a geostationary orbit; share of it within which a period that is found is that."""
 _LOOKED_AT, _SAMPLES, _FEWEST, _TURNS = 10 * 86400.0, 4000, 50, 2.5
 """s of telemetry, samples of a channel at most and at least, and turns in it, by which a period is told."""
 _STANDS_OUT = 0.3
@@ -219,7 +221,9 @@ def period(dataset: xarray.Dataset, nodes: Sequence[str]) -> float | None:
     before, top, after = share[np.clip([best - 1, best, best + 1], 0, len(share) - 1)]
     bend = before - 2.0 * top + after
     beside = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    return float(1.0 / (rates[best] + beside * apart))
+    found = float(1.0 / (rates[best] + beside * apart))
+    # A few days tell no better than this, and no satellites but geostationary ones are near it.
+    return _SIDEREAL_DAY if abs(found - _SIDEREAL_DAY) < _OF_A_DAY * _SIDEREAL_DAY else found
 
 
 def _stretches(times: NDArray[np.datetime64]) -> list[_Stretch]:

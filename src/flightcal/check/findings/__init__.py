@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ...report import ORDER, Finding
 from .checked import Checked
 from .heat import heat_findings, times
-from .reach import failures, reach
+from .reach import failures, reach, reaches
 from .sensitivity import profile, sensitivity
 from .smooth import gradient, jumps
 from .suspected import suspected
@@ -17,7 +17,7 @@ from .told import centre, identifiability
 def findings_of(checked: Checked) -> list[Finding]:
     """All findings, the worst first, and of those the ones that a user should mend first."""
     found = [
-        *suspected(checked.suspects),
+        *suspected(checked.suspects, reached=reaches(checked)),
         *centre(checked),
         *reach(checked),
         *failures(checked),

@@ -19,6 +19,11 @@ _FAILURES = 0.05
 """Share of the prior that may fail to be simulated."""
 
 
+def reaches(checked: Checked) -> bool:
+    """Whether the prior reaches much of every channel's telemetry."""
+    return all(channel.reached >= _REACHED for channel in checked.predictive.channels)
+
+
 def reach(checked: Checked) -> list[Finding]:
     """Telemetry and duty cycles that the prior leaves out, and parameters that are pulled to its edge."""
     found = []

@@ -8,8 +8,11 @@ from ...report import Finding, likely
 from ..suspicion import Suspects
 
 
-def suspected(suspects: Suspects) -> list[Finding]:
-    """What is likely to be wrong before anything else: of comparisons with the simulator the best, the others below."""
+def suspected(suspects: Suspects, *, reached: bool = True) -> list[Finding]:
+    """What is likely to be wrong before anything else: of comparisons with the simulator the best, the others below.
+
+    reached: whether the prior reaches the telemetry without heat.
+    """
     compared = any(suspicion.nats is not None for suspicion in suspects.found)
     found = [
         replace(finding, text=f"{finding.text} {finding.then}", then="")
@@ -25,7 +28,11 @@ def suspected(suspects: Suspects) -> list[Finding]:
                 "Clocks, units, biases, swapped channels, status and priors were tried. What parameters or initial "
                 "temperatures can make up for is not told from them."
             )
-        found.append(Finding("good", "No simple wrong explains the telemetry better than the scenario", text))
+        title = "No simple wrong explains the telemetry better than the scenario"
+        if not reached:
+            title = "No simple wrong explains what the prior does not reach"
+            text = f"Unmodelled heat or noise may hide it from this search: look for what matters below first. {text}"
+        found.append(Finding("good" if reached else "warn", title, text))
     if suspects.why_not:
         text = (
             f"Nothing of this kind was compared with the simulator: {suspects.why_not}. Look for it yourself where the "

@@ -118,7 +118,8 @@ def _beyond(kind: str, lower: float, upper: float, number: Settable, target: str
     ):
         expected = f"expected {f'{least} {limit:g} {number.unit}'.strip()}{target}"
         if beyond and math.isinf(end):
-            return f"found a {kind} prior, which has no {name} end, {expected}: use {advice}"
+            found = f"found a {kind} prior, which has no {name} end and is beyond {limit:g} at {_NEVER:g} deviations"
+            return f"{found}, {expected}: use {advice}"
         if beyond:
             return f"{f'found a prior that reaches {down} to {end:g} {number.unit}'.strip()}, {expected}"
     return None
