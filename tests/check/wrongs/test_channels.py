@@ -1,12 +1,13 @@
 """Channels that are biased, swapped or in another unit."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flightcal.check.prepared import prepared
-from flightcal.check.wrongs.channels import other_nodes, swaps, unrelated
+from flightcal.check.wrongs.channels import of_all, other_nodes, swaps, unrelated
 from tests import small
 
 from ..cases import TRAY, in_three, named, of_three, spoilt, sunlit
@@ -74,6 +75,42 @@ def test_a_channel_with_a_wrong_gain_is_named(flown):
     read = 273.15 + 1.6 * (data["body_temp"] - 273.15)
     first = named(scenario, spoilt(data, body_temp=read))[0]
     assert (first.kind, first.about) == ("gain", "body_temp")
+
+
+@pytest.fixture
+def cold(tmp_path):
+    """A satellite whose heater is off all the time."""
+    written = in_three()
+    written["simulator"]["heaters"]["heater"] |= {"on_below": "-60 degC", "off_above": "-50 degC"}
+    return small.closed_loop(tmp_path, written, columns=TRAY)
+
+
+def test_a_thermistor_of_another_curve_is_right_at_25_degc(cold):
+    scenario, data = cold
+    read = 298.15 + 1.4 * (data["panel_temp"] - 298.15)
+    first = named(scenario, spoilt(data, panel_temp=read))[0]
+    assert (first.kind, first.about) == ("gain", "panel_temp")
+    gain, bias = (float(number) for number in re.findall(r"(?:gain|bias): (-?[\d.]+)", first.advice))
+    assert gain == pytest.approx(1.4, abs=0.1)
+    assert bias == pytest.approx(25.0 * (1.0 - gain), abs=0.02)
+
+
+def test_what_reads_all_sensors_wrong_is_named_with_its_gain_and_bias(cold):
+    scenario, data = cold
+    read = {name: 298.15 + 0.65 * (data[name] - 298.15) for name in ("body_temp", "panel_temp", "tray_temp")}
+    first = named(scenario, spoilt(data, **read))[0]
+    assert (first.kind, first.about) == ("gain", "every temperature")
+    bias, gain = (float(number) for number in re.findall(r"-?\d+\.\d+", first.sentence))
+    assert gain == pytest.approx(0.65, abs=0.07)
+    assert bias == pytest.approx(25.0 * (1.0 - gain), abs=2.5)
+
+
+def test_a_constant_that_all_channels_have_in_common_is_told_of_all(flown):
+    (both, _) = of_all(prepared(*flown))
+    assert both.about == "every temperature"
+    assert both.columns.max() == pytest.approx(8.0)
+    words = both.words(SimpleNamespace(added=np.array([0.5])))
+    assert words.title == "Every temperature reads 4.0 K too high"
 
 
 def test_the_curve_of_another_sensor_is_named(tmp_path):

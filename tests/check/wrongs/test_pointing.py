@@ -40,6 +40,32 @@ def test_a_safe_mode_that_the_scenario_does_not_know_of_is_named_with_its_times(
 
 
 @pytest.mark.slow
+def test_turns_of_the_face_that_takes_most_sunlight_are_tried(tmp_path):
+    """To charge a battery, in an attitude that the scenario does not name."""
+    written = boxed()
+    written["simulator"]["faces"]["back"] |= {"area": "0.2 m^2"}
+    charging = {
+        "aligned": {"axis": [-1, 0, 0], "towards": "sun"},
+        "constrained": {"axis": [0, 0, 1], "towards": "nadir"},
+    }
+    written["environment"]["attitude"] = {
+        "timeline": [
+            {"at": "2024-03-01T00:00:00", "attitude": "nadir"},
+            {"at": "2024-03-01T02:00:00", "attitude": charging},
+            {"at": "2024-03-01T02:40:00", "attitude": "nadir"},
+        ]
+    }
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["attitude"] = "nadir"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    attitude, begin, end = spans(first.title)
+    assert attitude == "[-1, 0, 0] to the Sun"
+    assert abs((begin - datetime(2024, 3, 1, 2, 0)).total_seconds()) < 200.0
+    assert abs((end - datetime(2024, 3, 1, 2, 40)).total_seconds()) < 200.0
+
+
+@pytest.mark.slow
 def test_two_slews_that_the_scenario_does_not_know_of_are_named_together(tmp_path):
     written = boxed()
     written["environment"]["attitude"] = attitude = pointed((0.5, 0.1, 0.7, 0.5))
