@@ -69,22 +69,32 @@ def modes(view: View) -> Iterator[Wrong]:
             steady = np.ones_like(active)
             in_common = {node: view.response(view.window, centre, node, steady) for node in view.heat.nodes}
         yield from _mode_elsewhere(view, mode, responses, always, in_common)
-        for node in view.heat.nodes:
-            written = powers.get(node, 0.0)
-            flow = flow_through(view, node)
-            size = max(0.5 * flow, abs(written), 1.0)
-            effect = size * responses[node]
+        sizes = {node: max(0.5 * flow_through(view, node), abs(powers.get(node, 0.0)), 1.0) for node in view.heat.nodes}
+        least = {
+            node: max(0.5 * abs(powers.get(node, 0.0) - always[node]), 0.15 * flow_through(view, node)) / size
+            for node, size in sizes.items()
+        }
+        ones, pairs = combinations(view.heat.nodes, 1), combinations(view.heat.nodes, 2)
+        for nodes in (*ones, *pairs):
+            columns = np.concatenate([sizes[node] * responses[node] for node in nodes], axis=1)
+            first, *also = (least[node] for node in nodes)
+            tries = len(model.modes) * comb(len(view.heat.nodes), len(nodes))
+            words = partial(_other_powers, mode, {node: (powers.get(node, 0.0), sizes[node]) for node in nodes})
+            yield Wrong("mode", mode, words, columns=columns, least=first, also=tuple(also), tries=tries)
 
-            def words(fit: Fit, mode: str = mode, node: str = node, size: float = size, was: float = written) -> Words:
-                power = was + size * float(fit.added[0])
-                return Words(
-                    f"Mode '{mode}' has another power in {node}",
-                    f"While the timeline says '{mode}', {node} takes {number(power, 3)} W, not {number(was, 3)} W.",
-                    f"Check 'modes: {mode}: {node}', and that the timeline is of this flight",
-                )
 
-            least = max(0.5 * abs(written - always[node]), 0.15 * flow) / size
-            yield Wrong("mode", mode, words, columns=effect, least=least, tries=len(model.modes) * len(view.heat.nodes))
+def _other_powers(mode: str, sizes: Mapping[str, tuple[float, float]], fit: Fit) -> Words:
+    """sizes: W by node as written, and of a weight of one."""
+    takes = [
+        f"{node} takes {number(was + size * float(weight), 3)} W, not {number(was, 3)} W"
+        for (node, (was, size)), weight in zip(sizes.items(), fit.added, strict=True)
+    ]
+    fields = ", ".join(f"{mode}: {node}" for node in sizes)
+    return Words(
+        f"Mode '{mode}' has {'another power' if len(sizes) == 1 else 'other powers'} in {listed(list(sizes))}",
+        f"While the timeline says '{mode}', {' and '.join(takes)}.",
+        f"Check 'modes: {fields}', and that the timeline is of this flight",
+    )
 
 
 def late_modes(

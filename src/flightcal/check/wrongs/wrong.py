@@ -101,6 +101,8 @@ class Wrong:
     """Of the first column's weight: below, it is no wrong worth a word."""
     most: float = np.inf
     """Beyond, it is another wrong."""
+    also: tuple[float, ...] = ()
+    """The least of the weights of the columns after the first."""
     lacked: bool = False
     """Whether the first weight is of something that is not written: there is no less of it."""
     scale: Scale = AS_READ
@@ -140,7 +142,8 @@ class Wrong:
     def matters(self, fit: Fit) -> bool:
         """Whether its number is worth a word."""
         first = float(fit.added[0]) if self.least else 0.0
-        return self.least <= (first if self.lacked else abs(first)) <= self.most
+        others = all(abs(float(fit.added[1 + k])) >= least for k, least in enumerate(self.also))
+        return others and self.least <= (first if self.lacked else abs(first)) <= self.most
 
     @property
     def odds(self) -> float:
