@@ -201,6 +201,9 @@ def test_many_values_that_are_in_doubt_are_said_in_few_words():
         "intervals of parameters and the values of link_0 and link_1"
     )
     assert in_few_words(names) == "the values of link_0, link_1, link_2, link_3, link_4 and 3 more"
+    known = [f"link_{k}" for k in range(8)]
+    assert in_few_words(names, known) == "the values of its parameters"
+    assert in_few_words(names[:7], known).endswith("and 2 more")
 
 
 @pytest.mark.parametrize("shifted", [[], [0], [0, 1, 2]])

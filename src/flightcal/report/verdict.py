@@ -89,6 +89,8 @@ class Verdict:
     """What is told and decides nothing."""
     channels: tuple[str, ...]
     """Scored on windows that were not trained on."""
+    parameters: tuple[str, ...] = ()
+    """Of the scenario."""
     emulated: bool = False
     """Whether an emulator stood in for the simulator."""
 
@@ -117,7 +119,7 @@ class Verdict:
         if left == list(self.channels) and len(left) > 1:
             named = "both channels" if len(left) == 2 else f"all {len(left)} channels"
         uses = f"temperatures of {named}" if left else "the windows that it was trained on"
-        return f"Use it for {uses}, but not for {in_few_words(limits) or _WITHOUT_LIMIT}."
+        return f"Use it for {uses}, but not for {in_few_words(limits, self.parameters) or _WITHOUT_LIMIT}."
 
     @property
     def doubted(self) -> tuple[str, ...]:
@@ -186,5 +188,6 @@ def verdict_of(run: RunFiles) -> Verdict:
         ),
         (*scores(run), *resting(run), *time_tags(run), *missing(run)),
         tuple(held_channels(run)),
+        tuple(info.name for info in run.parameters if info.kind == "parameter"),
         emulated=run.emulator is not None,
     )

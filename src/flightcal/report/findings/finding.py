@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -62,14 +62,19 @@ def duty_of(heater: str) -> str:
     return f"the duty cycle of {heater}"
 
 
-def in_few_words(limits: Sequence[str]) -> str:
-    """What a run is not to be used for, each once, and of many channels or values the first."""
+def in_few_words(limits: Sequence[str], parameters: Collection[str] = ()) -> str:
+    """What a run is not to be used for, each once, and of many channels or values the first.
+
+    parameters: all that the run has.
+    """
     limits = list(dict.fromkeys(limits))
     values = [limit.removeprefix(_VALUE) for limit in limits if limit.startswith(_VALUE)]
     channels = [limit.removeprefix(_TEMPERATURES) for limit in limits if limit.startswith(_TEMPERATURES)]
     said = [limit for limit in limits if not limit.startswith((_VALUE, _TEMPERATURES))]
     if channels:
         said.insert(0, f"{_TEMPERATURES}{shortened(channels)}")
-    if values:
+    if len(values) > 1 and set(parameters) <= set(values) and parameters:
+        said.append("the values of its parameters")
+    elif values:
         said.append(f"the value{'s' if len(values) > 1 else ''} of {shortened(values)}")
     return listed(said)
