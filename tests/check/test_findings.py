@@ -170,12 +170,18 @@ def test_no_caution_stands_above_a_problem(level):
 
 @pytest.mark.parametrize("shares", [(0.4, 0.1), (0.9, 0.6)])
 def test_of_channels_that_the_prior_does_not_reach_the_worst_is_first(level, shares):
-    channels = [replace(c, reached=r) for c, r in zip(level.predictive.channels, shares, strict=True)]
+    channels = [replace(c, reached=r, beyond=2.0) for c, r in zip(level.predictive.channels, shares, strict=True)]
     checked = replace(level, predictive=replace(level.predictive, channels=tuple(channels)))
     finding = found_in(findings_of(checked), "reach")
     better, worse = (c.channel for c in channels)
     assert finding.title.endswith(f"telemetry of {worse} and {better}")
     assert finding.details[0].startswith(worse)
+
+
+def test_telemetry_that_leaves_the_prior_by_tenths_of_a_kelvin_is_no_caution(level):
+    channels = tuple(replace(c, reached=0.93, beyond=0.2) for c in level.predictive.channels)
+    checked = replace(level, predictive=replace(level.predictive, channels=channels))
+    assert found_in(findings_of(checked), "reach").state == "good"
 
 
 def test_sensitivities_that_need_more_runs_say_how_many(level):

@@ -15,6 +15,8 @@ _REACHED = 0.5
 """Share of a channel's telemetry that the prior must reach."""
 _MOSTLY = 0.95
 """The same, from which it is nearly all."""
+_NO_MATTER = 0.3
+"""K, up to which telemetry may leave what the prior gives, as far as it mostly does not."""
 _FAILURES = 0.05
 """Share of the prior that may fail to be simulated."""
 
@@ -29,7 +31,9 @@ def reach(checked: Checked) -> list[Finding]:
     found = []
     predictive = checked.predictive
     missed = _worst_first(c for c in predictive.channels if c.reached < _REACHED)
-    partly = _worst_first(c for c in predictive.channels if _REACHED <= c.reached < _MOSTLY)
+    partly = _worst_first(
+        c for c in predictive.channels if _REACHED <= c.reached < _MOSTLY and abs(c.beyond) > _NO_MATTER
+    )
     details = tuple(
         f"{checked.named(c.channel, c.window)}: {percent(c.reached)} of the telemetry is reached; at most it is "
         f"{number(abs(c.beyond), 3)} K {'above' if c.beyond > 0 else 'below'} all that the prior gives."
