@@ -122,11 +122,13 @@ def _plates(view: View, normals: Mapping[str, FaceNormal], turned: _Turned) -> I
 def _plate(plate: _Plate, way: FaceNormal, turned: _Turned, tries: float, apart: float = _APART) -> Iterator[Wrong]:
     names = [name for both in plate for name in both]
     fronts, rears = (listed([both[side] for both in plate]) for side in (0, 1))
+    one = len(plate) == 1
     words = Words(
         f"Faces {listed(names)} look another way",
-        f"With the normal {written(way)} of {fronts}, and {rears} on {'its' if len(plate) == 1 else 'their'} other "
+        f"With the normal {written(way)} of {fronts}, and {rears} on {'its' if one else 'their'} other "
         "side, the model explains the telemetry.",
-        f"Check whether what they are the two sides of is deployed and turns, and 'normal' of {listed(names)}",
+        f"Check whether the {'panel is' if one else 'panels are'} deployed and turn{'s' if one else ''}, and 'normal' "
+        f"of {listed(names)}",
     )
 
     def near() -> Iterator[Wrong]:
