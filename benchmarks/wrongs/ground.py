@@ -25,6 +25,28 @@ def _curve(case: Case) -> str:
     return channel
 
 
+def _from_25_degc(case: Case) -> str:
+    """A thermistor with a larger B than its curve has: right at 25 degC alone."""
+    channel = max(case.channels, key=lambda name: float(np.ptp(case.training[name])))
+    case.table[channel] = (25.0 + 1.35 * (case.table[channel] - 25.0)).round(2)
+    return channel
+
+
+def _reference(case: Case) -> str:
+    """All sensors are read beside a resistor that is off."""
+    for channel in case.channels:
+        case.table[channel] = (25.0 + 0.75 * (case.table[channel] - 25.0)).round(2)
+    return "every temperature"
+
+
+def _lines_between(case: Case) -> str:
+    """An archive keeps one reading of 15, and fills in the rest."""
+    places = np.arange(len(case.table))
+    for channel in case.channels:
+        case.table[channel] = np.interp(places, places[::15], case.table[channel].iloc[::15]).round(2)
+    return case.channels[0]
+
+
 def _bottom(case: Case) -> str:
     """Readings that end at the lowest number of the converter."""
     channel = case.channels[0]
@@ -135,6 +157,9 @@ def _lit_and_several(case: Case) -> bool:
 SETUPS = (
     SetUp("a channel smoothed over 21 min", 60, ("slow",), _smoothed, _lit_and_several),
     SetUp("a thermistor of another curve", 61, ("curve",), _curve, _lit_and_several),
+    SetUp("a thermistor right at 25 degC alone", 113, ("gain", "curve"), _from_25_degc, _lit_and_several),
+    SetUp("a reference of all sensors that is off", 114, ("gain",), _reference, _lit_and_several),
+    SetUp("an archive with lines between readings", 115, ("interpolated",), _lines_between, _lit_and_several),
     SetUp("a sensor at the bottom of its range", 62, ("clipped",), _bottom, lit),
     SetUp("a negative number read without a sign", 73, ("wrapped",), _without_a_sign, lit),
     SetUp("two packets with swapped times", 63, ("order",), _packets_swapped, lit),

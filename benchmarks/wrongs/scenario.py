@@ -90,6 +90,18 @@ def _capacity(case: Case) -> tuple[dict[str, Any], str, str]:
     return case.model["nodes"][node], "capacity", f"nodes.{node}.capacity"
 
 
+def _every_capacity(case: Case) -> str:
+    """Of the structure without what is built in."""
+    for node in case.model["nodes"].values():
+        if "capacity" in node:
+            node["capacity"] = f"{0.6 * amount(node['capacity']):.1f} J/K"
+    for name, parameter in case.written["parameters"].items():
+        if name.startswith("capacity_"):
+            lognormal = parameter["prior"]["lognormal"]
+            lognormal["median"] = f"{0.6 * amount(lognormal['median']):.1f} J/K"
+    return "every capacity"
+
+
 def _area(case: Case) -> tuple[dict[str, Any], str, str]:
     face = max(case.model["faces"], key=lambda name: float(case.model["faces"][name]["area"].split()[0]))
     return case.model["faces"][face], "area", f"faces.{face}.area"
@@ -234,6 +246,7 @@ SETUPS = (
     SetUp("a heater of twice the power", 41, ("heater", "number"), _number(_power, 2.0), heated),
     SetUp("thresholds 7 K higher", 42, ("thresholds",), _thresholds, heated),
     SetUp("capacity half", 44, ("number",), _number(_capacity, 0.5), lambda c: lit(c) and bool(_certain(c))),
+    SetUp("every capacity six tenths", 116, ("number",), _every_capacity, lambda c: lit(c) and bool(_certain(c))),
     SetUp("area twice", 45, ("number",), _number(_area, 2.0), lit),
     SetUp("a face turned over", 46, ("face",), _face_turned, lit),
     SetUp("a conductor missing", 47, ("link",), _link_missing, lambda c: len(c.model["nodes"]) > 2),
