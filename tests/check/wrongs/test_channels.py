@@ -85,10 +85,10 @@ def cold(tmp_path):
     return small.closed_loop(tmp_path, written, columns=TRAY)
 
 
-def test_a_thermistor_of_another_curve_is_right_at_25_degc(cold):
+def test_a_thermistor_of_another_curve_is_right_at_25_degc(cold, named_of):
     scenario, data = cold
     read = 298.15 + 1.4 * (data["panel_temp"] - 298.15)
-    first = named(scenario, spoilt(data, panel_temp=read))[0]
+    first = named_of(scenario, spoilt(data, panel_temp=read), "channels")[0]
     assert (first.kind, first.about) == ("gain", "panel_temp")
     gain, bias = (float(number) for number in re.findall(r"(?:gain|bias): (-?[\d.]+)", first.advice))
     assert gain == pytest.approx(1.4, abs=0.1)

@@ -230,10 +230,10 @@ def test_times_of_a_missing_heater_are_known_to_about_the_time_between_two_readi
     assert shifted.evidence > exact.evidence + 10.0
 
 
-def test_a_mode_with_other_powers_in_two_nodes_is_told_of_both(tmp_path):
+def test_a_mode_with_other_powers_in_two_nodes_is_told_of_both(tmp_path, named_of):
     _, data = small.closed_loop(tmp_path, switching(idle={"panel": "3 W"}, busy={"panel": "18 W", "body": "22 W"}))
     scenario, _ = small.load(tmp_path, switching(idle={"panel": "3 W"}, busy={"panel": "6 W", "body": "4 W"}))
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "heat")[0]
     assert first.title == "Mode 'busy' has other powers in body and panel"
     body, panel = (float(power) for power in re.findall(r"takes ([\d.]+) W, not", first.sentence))
     assert (body, panel) == (pytest.approx(22.0, abs=4.0), pytest.approx(18.0, abs=3.0))

@@ -233,7 +233,7 @@ def test_a_node_that_is_held_in_another_unit_is_named_with_the_right_one(tmp_pat
 
 
 @pytest.mark.parametrize("uncertain", [False, True])
-def test_what_all_modes_bring_to_a_node_is_wrong_by_one_factor(tmp_path, uncertain):
+def test_what_all_modes_bring_to_a_node_is_wrong_by_one_factor(tmp_path, named_of, uncertain):
     """As that of one of two equal boxes is."""
     _, data = small.closed_loop(tmp_path, switching(idle={"panel": "12 W"}, busy={"panel": "24 W"}))
     written = switching(idle={"panel": "6 W"}, busy={"panel": "12 W"})
@@ -241,6 +241,6 @@ def test_what_all_modes_bring_to_a_node_is_wrong_by_one_factor(tmp_path, uncerta
         prior = {"normal": {"mean": "12 W", "standard_deviation": "0.6 W"}}
         written["parameters"]["busy"] = {"sets": "modes.busy.panel", "prior": prior}
     scenario, _ = small.load(tmp_path, written)
-    first = named(scenario, data)[0]
+    first = named_of(scenario, data, "written", "heat")[0]
     assert first.about == "the power of every mode in panel"
     assert float(first.title.partition(" is ")[2].split()[0]) == pytest.approx(0.5, rel=0.15)
