@@ -47,9 +47,8 @@ _FILLED, _FAR = 3, 5.0
 """Times that one number comes, and K that it is away from the samples around it, which stands for no reading."""
 _BITS, _OF_WHOLE = (16, 14, 12, 10, 8), 0.25
 """Of a number that is sent; share of what these count up to, below which all other changes are, and of the changes."""
-_SLOPE, _CLIPPED, _STAYS = 3, 1.0, 0.2
-"""Samples over which a slope is taken; K, by which a temperature goes on where readings stop; share of what slopes say
-of it, below which a model stays."""
+_SLOPE, _CLIPPED = 3, 1.0
+"""Samples over which a slope is taken; K, by which a temperature goes on where readings stop."""
 _RESTS = 10.0
 """Times that a motion slows more than a parabola, where it comes to rest."""
 _MOST_SPIKES = 3
@@ -149,13 +148,8 @@ def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, mo
         return None
     for extreme, word in ((values.max(), "above"), (values.min(), "below")):
         first, last = spells(values == extreme).T
-        turned = modelled if word == "above" else -modelled
-        beyond, as_modelled = (_turns_beyond(series, first, last) for series in (values, modelled))
-        goes_on = _goes_on(turned, first, last)
-        # Where the model has the same slopes and stays, as a panel in sunlight, no parabola follows from them.
-        inside = (first > 0) & (last < len(values))
-        stays = inside & (as_modelled > _CLIPPED) & (goes_on < _STAYS * as_modelled)
-        beyond = np.maximum(np.where(stays, 0.0, beyond), goes_on)
+        goes_on = _goes_on(modelled if word == "above" else -modelled, first, last)
+        beyond = np.maximum(_turns_beyond(values, first, last), goes_on)
         if (beyond > _CLIPPED + 4.0 * step_of(values) + 4.0 * noise_of(values)).sum() < 2:
             continue
         suspicion = Suspicion(
@@ -178,7 +172,8 @@ def _turns_beyond(values: FloatArray, first: NDArray[np.int64], last: NDArray[np
     rise, fall = np.where(known[0], rise, np.inf), np.where(known[1], fall, np.inf)
     slope = np.minimum(rise, fall)
     beyond = np.where(np.isfinite(slope), slope, 0.0) * (last - first) / 4.0
-    # A quarter as far away it is that much lower; a panel that leaves a shadow fast, and then stays, is not.
+    # On a parabola, readings a quarter of the stretch away are lower by that much. Those of a panel that leaves a
+    # shadow fast, and then stays, are not.
     away, top = np.maximum((last - first) // 4, 1), values[first]
     lower = [
         np.where(side, np.abs(top - values[np.clip(place, 0, len(values) - 1)]), np.inf)
