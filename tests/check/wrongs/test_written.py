@@ -96,6 +96,13 @@ def test_a_number_of_the_sun_is_not_mended_by_one_that_cannot_be(tmp_path):
     assert "faces.outside.area" in tried
 
 
+def test_of_an_area_that_is_far_too_large_insulation_is_told_too(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    advice = {own.words.title: own.words.advice for own in numbers(view) if own.about == "faces.outside.area"}
+    assert "whether insulation covers it" in advice["faces.outside.area is 100.0 times what it should be"]
+    assert "insulation" not in advice["faces.outside.area is 2.0 times what it should be"]
+
+
 @pytest.mark.parametrize("uncertain", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_two_capacities_that_are_exchanged_are_named(tmp_path, uncertain):
     written = small.content()

@@ -24,6 +24,8 @@ _PER_NUMBER = 3.0
 """Ways in which each number is off, about."""
 _OF_AREAS = (1e-4, 1e4)
 """Factors by which an area in cm^2 is off."""
+_COVERED = 0.1
+"""Times an area, up to which a face may be one below insulation."""
 _MATTERS = 1.4
 """Factor up to which a number is off as numbers are."""
 _NONE = 10.0 * NO_LINK
@@ -140,6 +142,8 @@ def _number(
     changed[list(places)] *= factor
     if not low <= value <= high or (factor > 1.0 and _holds_too_much(view, changed)):
         return
+    # Insulation leaves of absorptivity and emissivity a small share of what is below it.
+    blanket = ", and whether insulation covers it" if name.endswith(".area") and factor <= _COVERED else ""
     one, unit = len(places) == 1, view.units.get(view.network.network.paths[places[0]], "")
     words = Words(
         f"{name} {'are' if ' and ' in name else 'is'} {number(1.0 / factor, 2 if closer or not one else 4)} times what "
@@ -147,7 +151,7 @@ def _number(
         f"The telemetry agrees with {_measured(value, 3, unit)}, not {_measured(value / factor, 4, unit)}."
         if one
         else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",
-        f"Check '{name}', and its unit; if it is right, the scenario lacks something that acts like it",
+        f"Check '{name}', and its unit{blanket}; if it is right, the scenario lacks something that acts like it",
     )
     multiplied = _multiplied(view, [(k, factor) for k in places])
     if multiplied is not None:
