@@ -88,7 +88,7 @@ def test_a_value_in_doubt_is_marked_in_its_row(run):
 def test_parameters_have_before_after_interval_unit_and_the_telemetry_s_share(run):
     table = first_screen(good(run))[0]["calibrated"]
     assert "battery_link 1.040 0.6001 0.5772 to 0.6248 0.565 to 0.637 W/K 100%" in table
-    assert "if fixed numbers are 10% off" in table
+    assert "95% interval if fixed numbers are exact if they are 10% off" in table
     assert "noise." not in table
     assert "initial." not in table
 

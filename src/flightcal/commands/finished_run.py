@@ -117,7 +117,7 @@ def _parameter_table(parameters: Sequence[Calibrated], beside: bool) -> Table:
 
     is_known = any(quantity.considered is not None for quantity in parameters)
     where = "" if beside else " below it"
-    of_fixed = f", and{where} the interval if fixed numbers are off" if is_known else ""
+    of_fixed = f" if fixed numbers are exact, and{where} the interval if they are off" if is_known else ""
     title = f"Parameters: median before; mean [95%] after{of_fixed}; share from data"
     columns = ("before", "after", *(["fixed off"] if is_known and beside else []), "data")
     table = table_of(title, ("name, unit",), columns, overflow="fold")

@@ -32,6 +32,8 @@ _GAIN, _MOST_GAIN = 0.3, 0.8
 """Prior deviation of a channel's gain from one; by how much a gain is off at most that is no unit."""
 _PIVOTS = (0.0, 25.0)
 """degC, where a channel with a gain reads right: thermistors are of one resistance at 25 degC, whatever their curve."""
+_MOST_OF_CURVE = 0.45
+"""By how much a gain from there is off at most: thermistors' constants B are from 3,000 to 4,500 K."""
 _REFERENCE = 20.0
 """So many times as rare as other wrongs is one of what reads all sensors: a model that is wrong is too warm or too cold
 in many places."""
@@ -101,8 +103,8 @@ def gains(view: ComparedWindow) -> Iterator[Wrong]:
             )
 
         yield Wrong(
-            "gain", channel, words, columns=column, least=0.1 / _GAIN, most=_MOST_GAIN / _GAIN,
-            tries=len(_PIVOTS) * len(view.channels),
+            "gain", channel, words, columns=column, least=0.1 / _GAIN,
+            most=(_MOST_OF_CURVE if pivot else _MOST_GAIN) / _GAIN, tries=len(_PIVOTS) * len(view.channels),
         )  # fmt: skip
 
 

@@ -45,8 +45,8 @@ def panel(run: RunFiles) -> list[Block]:
     fixed = run.fixed_numbers
     if fixed is not None:
         words += (
-            f" If fixed numbers are {percent(fixed.within, 0)} off: the same interval where capacities, areas, links "
-            "and whatever else is no parameter are uncertain by that. Temperatures hardly depend on it, the values do."
+            " Fixed numbers are capacities, areas, links and whatever else is no parameter. Where they are uncertain "
+            f"by {percent(fixed.within, 0)}, the wider interval holds. Temperatures hardly depend on it, the values do."
         )
     within = None if fixed is None else fixed.within
     blocks = [block.table(table(rows[:MOST_ROWS], within, moved))]
@@ -95,6 +95,8 @@ def table(rows: Iterable[Calibrated], within: float | None = None, moved: Collec
         )
         intervals = [f"{lower} to {upper}"] + [wider] * (within is not None)
         cells.append([quantity.name, before, after, *intervals, unit(quantity.unit) or "–", told])
-    of_fixed = () if within is None else (f"if fixed numbers are {percent(within, 0)} off",)
-    names = ("parameter", "before", "after", "95% interval", *of_fixed, "unit", "from telemetry")
+    ends: tuple[str, ...] = ("95% interval",)
+    if within is not None:
+        ends = ("95% interval if fixed numbers are exact", f"if they are {percent(within, 0)} off")
+    names = ("parameter", "before", "after", *ends, "unit", "from telemetry")
     return Table(names, cells, tuple(k for k, name in enumerate(names) if name not in ("parameter", "unit")))
