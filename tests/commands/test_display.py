@@ -3,6 +3,7 @@
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from rich.console import Console
 from flightcal import progress
 from flightcal.calibration import Calibrated
 from flightcal.commands.calibrate import Summary
-from flightcal.commands.display import display, print_beside, print_limits, print_summary, unseen_in_words
+from flightcal.commands.display import display, print_beside, print_check, print_limits, print_summary, unseen_in_words
 from flightcal.prediction import ANY, Extreme, Metric, Unseen
 from flightcal.report import Finding, Verdict
 from flightcal.report.verdict import Answer
@@ -83,6 +84,23 @@ def printed(show, *arguments):
     written = StringIO()
     show(*arguments, Console(file=written, width=200))
     return written.getvalue().splitlines()
+
+
+def checked(*findings):
+    passed = not any(finding.state == "bad" for finding in findings)
+    return SimpleNamespace(passed=passed, verdict="a verdict", findings=findings, page=Path("check.html"))
+
+
+def test_cautions_of_a_check_are_a_line_each_beside_a_problem_and_told_in_full_without_one():
+    bad, caution = Finding("bad", "a clock is late", "By 20 min."), Finding("warn", "a link [1] is loose", "It may be.")
+    good = Finding("good", "the prior reaches", "All of it.")
+    beside = printed(print_check, checked(bad, caution, good))
+    assert "  By 20 min." in beside
+    assert "  ! caution: a link [1] is loose" in beside
+    assert not any("It may be." in line or "the prior reaches" in line for line in beside)
+    alone = printed(print_check, checked(caution, good))
+    assert "! caution: a link [1] is loose" in alone
+    assert {"  It may be.", "  All of it."} <= set(alone)
 
 
 def test_a_summary_names_the_three_nodes_with_most_unmodelled_heat():

@@ -276,30 +276,29 @@ def _interpolated(
     channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray
 ) -> Broken | None:
     """One reading of many, and straight lines between them."""
-    seconds = (times - times[0]) / np.timedelta64(1, "s") if len(times) else np.empty(0)
-    usual = float(np.median(np.diff(seconds))) if len(seconds) >= _STUCK else 0.0
-    if usual <= 0.0:
+    if len(values) < _STUCK:
         return None
+    seconds = (times - times[0]) / np.timedelta64(1, "s")
+    places = np.rint(seconds / np.median(np.diff(seconds))).astype(np.int64)
     # The largest bend is at a reading.
-    places = np.rint(seconds / usual).astype(np.int64)
     beside = np.diff(places, 2) == 0
-    corner = places[1:-1][np.argmax(np.abs(np.diff(values, 2)) * beside)]
-    strides = range(_HELD, min(_MOST_BETWEEN, len(values) // _KNOTS) + 1)
-    kept = {k: (places - corner) % k == 0 for k in strides}
-    fits = [k for k in strides if kept[k].sum() >= _KNOTS and _on_lines(seconds, values, kept[k])]
-    if not fits:
+    after = places - places[1:-1][np.argmax(np.abs(np.diff(values, 2)) * beside)]
+    strides = range(min(_MOST_BETWEEN, len(values) // _KNOTS), _HELD - 1, -1)
+    stride = next((k for k in strides if _on_lines(seconds, values, after % k == 0)), None)
+    if stride is None:
         return None
-    stride = fits[-1]
     suspicion = Suspicion(
         "interpolated", channel, f"{channel} has straight lines between readings",
         f"One of {stride} samples is a reading, and those between are on the line from each to the next.",
         f"Keep one of {stride} samples of {channel}, or take them as they were sent",
     )  # fmt: skip
-    return Broken(suspicion, ~kept[stride])
+    return Broken(suspicion, after % stride != 0)
 
 
 def _on_lines(seconds: FloatArray, values: FloatArray, kept: NDArray[np.bool_]) -> bool:
     """Whether values [T] are far nearer to the lines between some of them than these are to those of every second."""
+    if kept.sum() < _KNOTS:
+        return False
     at, known = seconds[kept], values[kept]
     off = np.abs(values - np.interp(seconds, at, known))[~kept]
     bends = known[1:-1:2] - np.interp(at[1:-1:2], at[::2], known[::2])

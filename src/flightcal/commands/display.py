@@ -258,8 +258,7 @@ def print_check(summary: CheckSummary, console: Console | None = None) -> None:
     if bad and cautions:
         console.print("\nCautions, which may follow from that; the page tells more of them:", highlight=False)
         for finding in cautions:
-            line = Text(f"{finding.mark}: {finding.title}", style=_COLOURS[finding.state])
-            console.print(Padding(line, (0, 0, 0, 2), expand=False), highlight=False)
+            console.print(Padding(_headline(finding), (0, 0, 0, 2), expand=False), highlight=False)
     say(console, f"\npage: {summary.page}")
 
 
@@ -289,10 +288,14 @@ def _on_terminal(table: PageTable, width: int) -> Table:
     return shown
 
 
+def _headline(finding: Finding) -> Text:
+    return Text(f"{finding.mark}: {finding.title}", style=_COLOURS[finding.state])
+
+
 def _print_findings(findings: Sequence[Finding], console: Console) -> None:
     for finding in findings:
         console.print()
-        console.print(f"{finding.mark}: {finding.title}", style=_COLOURS[finding.state], markup=False, highlight=False)
+        console.print(_headline(finding), highlight=False)
         for line in (finding.text, *(f"- {detail}" for detail in finding.details)):
             console.print(Padding(Text(line), (0, 0, 0, 2), expand=False), highlight=False)
 

@@ -36,8 +36,6 @@ _COLD, _WARM = -20, 60
 _LABELS = re.compile(r"\s*\{.*\}\s*$")
 """Of a dashboard's series, as in `EPS.battery_temp {sat="NIX-1"}`."""
 _TIMELINE = "timeline.csv"
-_INPUT = re.compile(r"(?i)[_. ](i|v|cur|curr|current|volt|voltage|pwr|power)\d*$")
-"""Of a column that is called a current, a voltage or a power."""
 _AS_WARM = {"degC": (-120.0, 140.0), "K": (150.0, 420.0)}
 _VARIES, _REACHES = 2.0, 5.0
 """By how much a temperature varies at least, and what it reaches on one side of zero: currents in A are smaller."""
@@ -174,7 +172,8 @@ def _by_values(names: Mapping[str, FoundPacket], channels: Sequence[_Channel]) -
     found = []
     for channel in channels:
         low, high = 0.0, 0.0
-        if data is not None and channel.kind == "driver" and channel.unit == "1" and not _INPUT.search(channel.column):
+        unknown = channel.kind == "driver" and channel.unit == "1" and not channel.found.is_called_an_input
+        if data is not None and unknown:
             low, high = np.nanquantile(data[channel.name].to_numpy(), (0.05, 0.95)).tolist()
         unit = next((unit for unit, (least, most) in _AS_WARM.items() if least < low and high < most), None)
         if unit is not None and high - low > _VARIES and max(-low, high) > _REACHES:

@@ -26,6 +26,7 @@ _HEATER_NAME = re.compile(
     r"(?i)(htr|heater).*(cur|amp|pow|_i\b|\b[mk]?[AW]\b|_[mk]?[AW]$)|(cur|pow|^[iIpP]_).*(htr|heater)"
 )
 """Of a heater's current or power."""
+_INPUT_NAME = re.compile(r"(?i)[_. ](i|v|cur|curr|current|volt|voltage|pwr|power)\d*$")
 _OF_HEATER = re.compile(r"(?i)htr|heat")
 _ON_WORD = re.compile(r"(?i)^on|^heat|act|run|enab|clos|yes|true")
 _OFF_WORD = re.compile(r"(?i)off|^no|idle|inact|st(an)?d?by|stop|cool|disab|open|false")
@@ -80,6 +81,11 @@ class FoundColumn:
     """Of the word's digits, where they have no 0x and are not decimal."""
     called: str | None = None
     """What it is, where the name of its file says so and that of the column does not."""
+
+    @property
+    def is_called_an_input(self) -> bool:
+        """Whether its name is that of a current, a voltage or a power."""
+        return bool(_INPUT_NAME.search(self.name))
 
 
 def column_of(name: str, column: pa.ChunkedArray, source: Source, said: str | None = None) -> FoundColumn | None:

@@ -58,6 +58,7 @@ def modes(view: View) -> Iterator[Wrong]:
     """A mode lacks power in a node."""
     model, centre = view.window.scenario.network, view.middle
     always = {node: _common(view, node) for node in view.heat.nodes}
+    flows = {node: flow_through(view, node) for node in view.heat.nodes}
     in_common: dict[str, FloatArray] = {}
     for mode, powers in model.modes.items():
         column = view.network.network.columns.index(f"mode.{mode}")
@@ -69,17 +70,18 @@ def modes(view: View) -> Iterator[Wrong]:
             steady = np.ones_like(active)
             in_common = {node: view.response(view.window, centre, node, steady) for node in view.heat.nodes}
         yield from _mode_elsewhere(view, mode, responses, always, in_common)
-        sizes = {node: max(0.5 * flow_through(view, node), abs(powers.get(node, 0.0)), 1.0) for node in view.heat.nodes}
+        written = {node: powers.get(node, 0.0) for node in flows}
+        sizes = {node: max(0.5 * flow, abs(written[node]), 1.0) for node, flow in flows.items()}
         least = {
-            node: max(0.5 * abs(powers.get(node, 0.0) - always[node]), 0.15 * flow_through(view, node)) / size
-            for node, size in sizes.items()
+            node: max(0.5 * abs(written[node] - always[node]), 0.15 * flow) / sizes[node]
+            for node, flow in flows.items()
         }
         ones, pairs = combinations(view.heat.nodes, 1), combinations(view.heat.nodes, 2)
         for nodes in (*ones, *pairs):
             columns = np.concatenate([sizes[node] * responses[node] for node in nodes], axis=1)
             first, *also = (least[node] for node in nodes)
             tries = len(model.modes) * comb(len(view.heat.nodes), len(nodes))
-            words = partial(_other_powers, mode, {node: (powers.get(node, 0.0), sizes[node]) for node in nodes})
+            words = partial(_other_powers, mode, {node: (written[node], sizes[node]) for node in nodes})
             yield Wrong("mode", mode, words, columns=columns, least=first, also=tuple(also), tries=tries)
 
 

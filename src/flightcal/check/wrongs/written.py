@@ -156,11 +156,11 @@ def _number(
     multiplied = _multiplied(view, [(k, factor) for k in places])
     if multiplied is not None:
         moved, written = multiplied
-        window = view.with_numbers(np.array(written))
+        window = view.with_numbers(written)
         yield Wrong("number", name, words, window=window, moved=moved, tries=tries, closer=closer)
 
 
-def _multiplied(view: View, by: Iterable[tuple[int, float]]) -> tuple[Moved, tuple[float, ...]] | None:
+def _multiplied(view: View, by: Iterable[tuple[int, float]]) -> tuple[Moved, FloatArray] | None:
     """Entries that are moved and numbers as written, where numbers at places are so many times what they are.
 
     None: no parameter can be so, or a parameter would have to be two things.
@@ -176,7 +176,7 @@ def _multiplied(view: View, by: Iterable[tuple[int, float]]) -> tuple[Moved, tup
     entries = tuple(sorted(moved.items()))
     if moved and not np.isfinite(_apart(view, replace(view, moved=entries))).all():
         return None
-    return entries, tuple(written.tolist())
+    return entries, written
 
 
 def _holds_too_much(view: View, changed: FloatArray) -> bool:
@@ -342,9 +342,10 @@ def exchanged(view: View) -> Iterator[Wrong]:
         # Parameters that set the numbers of several faces exchange those of all of them.
         change = _exchange(view, view.numbers, places)
         if change is not None:
-            found.setdefault(change, (about, words))
-    for (moved, written), (about, words) in found.items():
-        window = view.with_numbers(np.array(written))
+            moved, written = change
+            found.setdefault((moved, tuple(written.tolist())), (about, words))
+    for (moved, numbers), (about, words) in found.items():
+        window = view.with_numbers(np.array(numbers))
         yield Wrong("exchanged", about, words, window=window, moved=moved, tries=len(found))
 
 
@@ -391,7 +392,7 @@ def _of_one_coating(view: View) -> Iterator[_Exchange]:
         yield " ".join(f"{face}.absorptivity {face}.emissivity" for face in members), words, places
 
 
-def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) -> tuple[Moved, tuple[float, ...]] | None:
+def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) -> tuple[Moved, FloatArray] | None:
     """Entries that are moved and numbers as they are written, where those at pairs of places [..., 2] are exchanged.
 
     now: the numbers [V] at the priors' medians. None: the exchange changes nothing, or it cannot be.

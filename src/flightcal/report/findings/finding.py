@@ -73,7 +73,7 @@ def in_few_words(limits: Sequence[str], parameters: Collection[str] = ()) -> str
     said = [limit for limit in limits if not limit.startswith((_VALUE, _TEMPERATURES))]
     if channels:
         said.insert(0, f"{_TEMPERATURES}{shortened(channels)}")
-    if len(values) > 1 and set(parameters) <= set(values) and parameters:
+    if parameters and len(values) > 1 and set(parameters) <= set(values):
         said.append("the values of its parameters")
     elif values:
         said.append(f"the value{'s' if len(values) > 1 else ''} of {shortened(values)}")
