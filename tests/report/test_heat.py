@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from flightcal.prediction import ANY
-from flightcal.report.findings import model as of_model
+from flightcal.report.findings import unmodelled
 from flightcal.report.panels import convergence, heat, parameters, prediction, scores
 from flightcal.report.run_files import read_run
 
@@ -174,11 +174,11 @@ def test_what_acts_on_a_node_with_much_heat_is_doubted_first(run, monkeypatch, t
     simulator = {"heaters": {"line": {"node": "battery"}}, "faces": {"top": {"node": "panel"}}, "conductors": [{}]}
     first, *others = (dataclasses.replace(info, target=()) for info in run.parameters if info.kind == "parameter")
     own = dataclasses.replace(first, target=(target,))
-    assert of_model._acts_on(own, {"battery"}, simulator) == acts
+    assert unmodelled._acts_on(own, {"battery"}, simulator) == acts
     doubted = [*(info.name for info in others), first.name]
-    monkeypatch.setattr(of_model, "widened", lambda _: doubted)
+    monkeypatch.setattr(unmodelled, "widened", lambda _: doubted)
     known = dataclasses.replace(run, parameters=[*others, own], scenario=json.dumps({"simulator": simulator}))
-    named = [words.rpartition(" ")[2] for words in of_model._doubted_by_heat(known, {"battery"})]
+    named = [words.rpartition(" ")[2] for words in unmodelled._doubted_by_heat(known, {"battery"})]
     assert named == ([first.name, *doubted[:-1]] if acts else doubted)
 
 
@@ -193,7 +193,7 @@ def test_the_duty_of_a_heater_without_a_status_is_doubted_beside_much_heat_in_it
         heated = own.heat
         own = dataclasses.replace(own, windows=nothing)
         own.__dict__["heat"] = heated
-    doubted = [limit for found in of_model.heat(own) for limit in found.not_for]
+    doubted = [limit for found in unmodelled.heat(own) for limit in found.not_for]
     assert ("the duty cycle of battery_heater" in doubted) == (not measured)
     assert "the duty cycle of payload_heater" not in doubted
 

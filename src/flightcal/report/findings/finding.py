@@ -19,6 +19,8 @@ MARKS: dict[str, str] = {"good": "✓ good", "warn": "! caution", "bad": "✕ pr
 CHECK = "flightcal check scenario.yaml --out checked"
 AGAIN = "Run the same command again: it takes up where it stopped."
 """What to do next, as lines that can be copied."""
+OFF = 0.01
+"""Probability that a right model is cautioned about for one of its channels, priors or heaters."""
 _VALUE = "the value of "
 _TEMPERATURES = "temperatures of "
 
