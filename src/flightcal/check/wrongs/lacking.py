@@ -184,7 +184,7 @@ def other_ends(view: View) -> Iterator[Wrong]:
         if conductor.conductance is not None and PIN not in conductor.label
     }
     places = {pair: network.position(path) for pair, path in number_of.items()}
-    nothing = {pair for pair, k in places.items() if 0.0 < mapping.written[k] <= _NONE}
+    nothing = [pair for pair, k in places.items() if 0.0 < mapping.written[k] <= _NONE]
     moves = [(pair, other) for pair in places for other in nothing if pair not in nothing and len(pair & other) == 1]
     for pair, other in moves:
         name, should = (number_of[ends].split(".")[1] for ends in (pair, other))
