@@ -24,7 +24,7 @@ def init(
     Example: `flightcal init my_satellite housekeeping.csv power.xlsx`
     """
     from ..scenario import write_new, write_template
-    from .draft import draft
+    from .drafting import draft
 
     if telemetry:
         files, notes = draft(folder, telemetry)

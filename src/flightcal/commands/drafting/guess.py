@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import TelemetryError
-from ..scenario import ICE_POINT
+from ...errors import TelemetryError
+from ...scenario import ICE_POINT
 
 if TYPE_CHECKING:
     import xarray
