@@ -23,8 +23,8 @@ def _keep_to_own_cores():
     if worker is None or not hasattr(os, "sched_setaffinity"):
         return
     allowed = sorted(os.sched_getaffinity(0))
-    if own := allowed[int(worker.removeprefix("gw")) % count :: count]:
-        os.sched_setaffinity(0, own)
+    if cores := allowed[int(worker.removeprefix("gw")) % count :: count]:
+        os.sched_setaffinity(0, cores)
 
 
 _keep_to_own_cores()

@@ -244,7 +244,7 @@ def test_lint_advises_against_correlated_noise_alone_on_a_quantised_channel(tmp_
 def test_lint_tells_of_a_time_to_leave_out_in_which_no_sample_is(tmp_path, average):
     written = small.content()
     spans = [("2024-03-01T01:00:30", "2024-03-01T01:01:20"), ("2025-03-01T01:00:00", "2025-03-01T01:30:00")]
-    written["telemetry"]["channels"]["body_temp"]["leave_out"] = [{"start": own[0], "end": own[1]} for own in spans]
+    written["telemetry"]["channels"]["body_temp"]["leave_out"] = [{"start": span[0], "end": span[1]} for span in spans]
     if average is not None:
         written["telemetry"]["average"] = average
     small.load(tmp_path, written)

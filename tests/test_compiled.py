@@ -161,13 +161,13 @@ def package(tmp_path):
     """A function that writes a package with a folder of kernels."""
 
     def write(folder="kernels", addend=1):
-        own = tmp_path / "package" / folder
-        own.mkdir(parents=True, exist_ok=True)
-        for init in (own.parent / "__init__.py", own / "__init__.py"):
+        kernels = tmp_path / "package" / folder
+        kernels.mkdir(parents=True, exist_ok=True)
+        for init in (kernels.parent / "__init__.py", kernels / "__init__.py"):
             init.touch()
-        (own / "main.py").write_text(MAIN)
-        (own / "other.py").write_text(OTHER.format(addend))
-        return own
+        (kernels / "main.py").write_text(MAIN)
+        (kernels / "other.py").write_text(OTHER.format(addend))
+        return kernels
 
     return write
 
@@ -186,46 +186,46 @@ def used(package, between="", **environment):
 
 
 def test_a_change_in_a_folder_of_kernels_is_noticed_and_one_outside_of_it_is_not(package):
-    own = package()
-    assert used(own)[1] == 0
-    value, hit = used(own)
+    kernels = package()
+    assert used(kernels)[1] == 0
+    value, hit = used(kernels)
     assert hit == 1
-    (own.parent / "outside.py").write_text("'''Another module.'''")
-    (own.parent / "__init__.py").write_text("'''Another docstring.'''")
-    assert used(own) == (value, 1)
+    (kernels.parent / "outside.py").write_text("'''Another module.'''")
+    (kernels.parent / "__init__.py").write_text("'''Another docstring.'''")
+    assert used(kernels) == (value, 1)
     package(addend=5)
-    again, hit = used(own)
+    again, hit = used(kernels)
     assert (again, hit) == (value + 4.0, 0)
 
 
 @pytest.mark.slow
 def test_a_kernel_in_another_folder_holds_until_its_own_file_changes(package):
-    own = package("elsewhere")
-    assert used(own)[1] == 0
+    kernels = package("elsewhere")
+    assert used(kernels)[1] == 0
     package("elsewhere", addend=5)
-    assert used(own)[1] == 1
-    with (own / "main.py").open("a") as file:
+    assert used(kernels)[1] == 1
+    with (kernels / "main.py").open("a") as file:
         file.write("# another line\n")
-    assert used(own)[1] == 0
+    assert used(kernels)[1] == 0
 
 
 @pytest.mark.slow
 def test_strict_code_rounds_every_product_and_has_a_cache_of_its_own(package):
-    own = package(addend=0)
-    strict, hit = used(own, FLIGHTCAL_STRICT="1")
+    kernels = package(addend=0)
+    strict, hit = used(kernels, FLIGHTCAL_STRICT="1")
     assert (strict, hit) == (0.0, 0), "1 - 2^-60 is rounded to 1 before 1 is taken off"
-    assert used(own)[1] == 0
-    assert used(own, FLIGHTCAL_STRICT="1") == (0.0, 1)
-    assert used(own)[1] == 1
+    assert used(kernels)[1] == 0
+    assert used(kernels, FLIGHTCAL_STRICT="1") == (0.0, 1)
+    assert used(kernels)[1] == 1
 
 
 @pytest.mark.slow
 def test_a_cache_that_names_a_class_of_an_earlier_version_is_no_hindrance(package):
-    own = package("elsewhere")
-    used(own)
-    (own / "main.py").write_text(MAIN.replace("Call", "Other") + "\nCall = Other\n")
-    assert used(own)[1] == 0
-    assert used(own)[1] == 1
+    kernels = package("elsewhere")
+    used(kernels)
+    (kernels / "main.py").write_text(MAIN.replace("Call", "Other") + "\nCall = Other\n")
+    assert used(kernels)[1] == 0
+    assert used(kernels)[1] == 1
 
 
 ROWS = "\nwarm([row, plus.row(Call(np.array([1, 2, 3])))])\n"
@@ -239,9 +239,9 @@ ALONE = {
 @pytest.mark.slow
 @pytest.mark.parametrize("alone", ALONE.values(), ids=ALONE.keys())
 def test_this_process_and_another_fill_the_cache_and_one_alone_does_too(package, alone):
-    own = package()
-    assert used(own, alone + ROWS)[1] == 0
-    assert used(own, CACHED)[1] == 1
+    kernels = package()
+    assert used(kernels, alone + ROWS)[1] == 0
+    assert used(kernels, CACHED)[1] == 1
 
 
 def test_what_is_in_the_cache_is_not_compiled_again():

@@ -115,7 +115,10 @@ def main(run: Path, flights: int) -> None:
         for metric in ("picp", "mpiw", "crps"):
             for channel in {item.channel for item in found[0] if item.metric == metric}:
                 values = [
-                    item.value for own in found for item in own if (item.channel, item.metric) == (channel, metric)
+                    item.value
+                    for window_scores in found
+                    for item in window_scores
+                    if (item.channel, item.metric) == (channel, metric)
                 ]
                 scores.setdefault((channel, metric), []).append(np.mean(np.array(values, float)))
         print(f"flight {number} of {flights}", file=sys.stderr)

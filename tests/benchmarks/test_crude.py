@@ -16,9 +16,9 @@ KNOWN = satellites()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("variant", VARIANTS, ids=lambda own: own.name)
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant.name)
 def test_every_variant_of_a_satellite_is_a_scenario_that_can_be_read(variant, tmp_path):
-    made = variant.make(next(own for own in KNOWN.values() if fits(variant, own)))
+    made = variant.make(next(satellite for satellite in KNOWN.values() if fits(variant, satellite)))
     assert load_scenario(put(tmp_path, made.scenario, made.table)).train_windows
     assert np.isfinite(made.table.select_dtypes("number").to_numpy()).all()
 
@@ -26,13 +26,13 @@ def test_every_variant_of_a_satellite_is_a_scenario_that_can_be_read(variant, tm
 @pytest.mark.parametrize("name", list(KNOWN))
 def test_what_falls_on_faces_is_what_flightcal_says(name, tmp_path):
     """Two programs of one physics: shadow, albedo and infrared agree to some percent of what is absorbed at most."""
-    own = KNOWN[name]
-    seconds = np.linspace(3600.0, 3600.0 + own.craft.orbit.period, 60)
-    absorbed, _ = outside(own.craft, seconds)
+    satellite = KNOWN[name]
+    seconds = np.linspace(3600.0, 3600.0 + satellite.craft.orbit.period, 60)
+    absorbed, _ = outside(satellite.craft, seconds)
     (tmp_path / "telemetry.csv").touch()
-    (tmp_path / "scenario.yaml").write_text(json.dumps(written(own)), encoding="utf-8")
+    (tmp_path / "scenario.yaml").write_text(json.dumps(written(satellite)), encoding="utf-8")
     environment = load_scenario(tmp_path / "scenario.yaml").environment
-    faces = own.craft.faces
+    faces = satellite.craft.faces
     times = EPOCH + (1e3 * seconds).astype("timedelta64[ms]")
     found = face_fluxes(environment, {key: tuple(face.normal) for key, face in faces.items()}, times)
     size, alpha, epsilon = (

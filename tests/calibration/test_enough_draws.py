@@ -74,13 +74,13 @@ def test_they_are_made_more_again_where_those_that_were_added_are_less_effective
     sampler, asked = slow(0.0)
 
     def judged(draws):
-        theta, own = judge(draws)
+        theta, diagnostics = judge(draws)
         count = draws.z.shape[1]
         if count > 3000:
-            return theta, own
-        worst = replace(own.parameters[0], ess_bulk=150.0)
-        gates = (*own.gates, gate("effective draws", False, "", "", ""))
-        return theta, replace(own, parameters=(worst, *own.parameters[1:]), gates=gates)
+            return theta, diagnostics
+        worst = replace(diagnostics.parameters[0], ess_bulk=150.0)
+        gates = (*diagnostics.gates, gate("effective draws", False, "", "", ""))
+        return theta, replace(diagnostics, parameters=(worst, *diagnostics.parameters[1:]), gates=gates)
 
     draws, _, found = sample_enough(sampler, PLAIN, SETTINGS, 3, judged, SILENT)
     assert [count for _, count, _ in asked] == [1000, 1000, 2000], "each time at most as many again"
@@ -108,12 +108,12 @@ def with_r_hat(found):
     """`judge`, where the first draws have an R-hat that fails its gate, and no others."""
 
     def judged(draws):
-        theta, own = judge(draws)
+        theta, diagnostics = judge(draws)
         if draws.z.shape[1] > SETTINGS.draws:
-            return theta, own
-        worst = replace(own.parameters[0], r_hat=found)
-        gates = (*own.gates, gate("R-hat", False, "", "", ""))
-        return theta, replace(own, parameters=(worst, *own.parameters[1:]), gates=gates)
+            return theta, diagnostics
+        worst = replace(diagnostics.parameters[0], r_hat=found)
+        gates = (*diagnostics.gates, gate("R-hat", False, "", "", ""))
+        return theta, replace(diagnostics, parameters=(worst, *diagnostics.parameters[1:]), gates=gates)
 
     return judged
 
@@ -177,7 +177,7 @@ def test_where_they_break_off_again_that_is_told():
     draws, _, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, judge, SILENT)
     assert len(asked) == 2
     assert draws.z.shape == (2, 1000, 2)
-    assert [own.name for own in judged.gates if not own.passed] == ["divergences"]
+    assert [criterion.name for criterion in judged.gates if not criterion.passed] == ["divergences"]
 
 
 def test_a_few_that_break_off_and_steps_that_are_small_already_are_left_alone():

@@ -79,5 +79,5 @@ def test_a_sensor_that_starts_on_the_other_side_of_a_threshold_is_another_explan
     found = other_explanations(made, posterior.modes, posterior.draws.z.reshape(-1, len(truth)))
     place = made.names.index("initial.body")
     there = {name: value for name, _, value in found[0].differs}["initial.body"]
-    near, far = sorted(abs(own - truth[place]) for own in (there, posterior.flat[:, place].mean()))
+    near, far = sorted(abs(start - truth[place]) for start in (there, posterior.flat[:, place].mean()))
     assert near < 0.05 < 0.1 < far

@@ -21,8 +21,8 @@ def written(*, free=False):
     del content["simulator"]["heaters"], content["observations"]["heater_status"], content["parameters"]["power"]
     if free:
         for path, value in zip(FIXED, ("3000 J/K", "800 J/K"), strict=True):
-            own = {"lognormal": {"median": value, "factor": float(np.exp(WITHIN))}}
-            content["parameters"][path.split(".")[1]] = {"sets": path, "prior": own}
+            prior = {"lognormal": {"median": value, "factor": float(np.exp(WITHIN))}}
+            content["parameters"][path.split(".")[1]] = {"sets": path, "prior": prior}
     return content
 
 
@@ -41,7 +41,7 @@ def around(problem):
 def both(tmp_path_factory):
     """The problem with fixed capacities, and the one in which they are parameters."""
     folders = (tmp_path_factory.mktemp(name) for name in ("fixed", "free"))
-    return [build_problem(*small.closed_loop(own, written(free=k == 1))) for k, own in enumerate(folders)]
+    return [build_problem(*small.closed_loop(folder, written(free=k == 1))) for k, folder in enumerate(folders)]
 
 
 def deviations(problem, thetas):
@@ -66,16 +66,18 @@ def test_a_value_follows_a_number_as_is_said(both):
     fixed, free = both
     _, found = considered(fixed, around(fixed)[0], WITHIN, seed=1)
     covariance, names = around(free)[1], free.names
-    assert {own.number for own in found.footings} <= set(FIXED)
-    own = next(own for own in found.footings if (own.name, own.number) == ("link", "nodes.body.capacity"))
+    assert {footing.number for footing in found.footings} <= set(FIXED)
+    body_footing = next(
+        footing for footing in found.footings if (footing.name, footing.number) == ("link", "nodes.body.capacity")
+    )
     number, value = names.index("body"), names.index("link")
     # Of a normal posterior in z, which is in deviations of the prior.
     left = np.sqrt(covariance[number, number])
-    assert own.off == pytest.approx(WITHIN * left, rel=0.02)
+    assert body_footing.off == pytest.approx(WITHIN * left, rel=0.02)
     link = next(entry for entry in free.entries if entry.name == "link")
     assert isinstance(link.prior, LogNormal)
     moved = small.TRUTH["link"] * np.expm1(np.log(link.prior.factor) * covariance[number, value] / left)
-    assert own.change == pytest.approx(moved, rel=0.02)
+    assert body_footing.change == pytest.approx(moved, rel=0.02)
 
 
 def test_a_number_that_is_well_known_widens_nothing(both):
@@ -88,7 +90,7 @@ def test_a_number_that_is_well_known_widens_nothing(both):
 def test_what_parameters_set_or_scale_is_not_fixed_nor_are_thresholds(tmp_path):
     problem = build_problem(*small.closed_loop(tmp_path))
     _, found = considered(problem, around(problem)[0], WITHIN, seed=1)
-    assert {own.number for own in found.footings} <= set(FIXED)
+    assert {footing.number for footing in found.footings} <= set(FIXED)
 
 
 def test_of_a_simulator_that_is_no_thermal_network_nothing_is_known():

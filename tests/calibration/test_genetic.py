@@ -71,10 +71,10 @@ def test_a_run_ends_when_it_has_converged_and_goes_on_no_longer_for_a_higher_cap
     assert result.identical(minimise(counted, LOWER, UPPER, small(generations=2000), seed=1))
     assert result.sizes["generation"] == result.generations.max()
     for run, generations in enumerate(result.generations.values):
-        own = result.history.values[run]
-        assert own[generations - 1] == result.cost.values[run]
-        assert np.isnan(own[generations:]).all()
-        assert own[generations - 1] >= 0.99 * own[generations - 1 - CONVERGED_AFTER]
+        costs = result.history.values[run]
+        assert costs[generations - 1] == result.cost.values[run]
+        assert np.isnan(costs[generations:]).all()
+        assert costs[generations - 1] >= 0.99 * costs[generations - 1 - CONVERGED_AFTER]
 
 
 def test_a_run_that_the_cap_ends_has_not_converged():

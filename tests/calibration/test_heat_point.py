@@ -70,8 +70,8 @@ def test_the_cost_is_that_of_the_problem_but_for_what_is_not_linear(started):
         start = np.array([z[heated.names.index(name)] for name in known.names])
         gradient, hessian = known.log_density_and_gradient(start)[1], known.gauss_newton_hessian(start)
         at_mode = known.log_density(start) + 0.5 * gradient @ np.linalg.solve(hessian, gradient)
-        own = stats.norm.logpdf(scores(around, moved)[list(around.free).index(place)])
-        expected.append(at_mode - 0.5 * np.linalg.slogdet(hessian)[1] + own)
+        prior = stats.norm.logpdf(scores(around, moved)[list(around.free).index(place)])
+        expected.append(at_mode - 0.5 * np.linalg.slogdet(hessian)[1] + prior)
     assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], abs=0.05)
 
 
@@ -100,7 +100,7 @@ def log_determinant(problem, point, theta, noise):
     (window,) = problem.windows
     units = unit_heats(point.model, window)
     found = responses(window, problem.at(window, theta[None])[0], point.model, units)
-    kept = np.concatenate([own @ basis for own, basis in zip(found, point.model.kept, strict=True)], axis=2)
+    kept = np.concatenate([response @ basis for response, basis in zip(found, point.model.kept, strict=True)], axis=2)
     columns = np.concatenate([kept[window.valid[:, k], k] for k in range(kept.shape[1])])
     roots = window.roots(problem.at(window, theta[None])[0])
     return np.linalg.slogdet(noise + (columns * roots**2) @ columns.T)[1]
@@ -140,8 +140,8 @@ def test_a_point_that_moves_takes_the_weights_along_that_are_expected_there(star
     gains = Gains([window.terms for window in heated.windows], heated.weighed, *heated.heat_sizes(theta[None]))
     runs = heated.simulate(theta)
     left = [
-        own - window.heat.response @ there.model.centre
-        for own, window in zip(heated.heat_left([runs], theta[None]), heated.windows, strict=True)
+        residual - window.heat.response @ there.model.centre
+        for residual, window in zip(heated.heat_left([runs], theta[None]), heated.windows, strict=True)
     ]
     roots = heated.heat_sizes(theta[None])[1][0]
     ((_, factor),) = gains.factors

@@ -150,11 +150,11 @@ def test_directions_that_only_far_more_heat_would_show_change_nothing(tmp_path, 
     monkeypatch.setattr(heat_search, "_LARGER", 1e9)
     all_of_them = find_heat(problem, problem.priors.median())
     kept, every = (
-        {group.scale: basis.shape[1] for basis, group in zip(own.model.kept, own.model.groups, strict=True)}
-        for own in (few, all_of_them)
+        {group.scale: basis.shape[1] for basis, group in zip(point.model.kept, point.model.groups, strict=True)}
+        for point in (few, all_of_them)
     )
     assert kept["heat.panel.pattern"] < every["heat.panel.pattern"]
-    (mean, factor), (expected, of_all) = (own.around.of_z(sizes_of(own)) for own in (few, all_of_them))
+    (mean, factor), (expected, of_all) = (point.around.of_z(sizes_of(point)) for point in (few, all_of_them))
     deviation = np.linalg.norm(of_all, axis=1)
     np.testing.assert_allclose(mean, expected, rtol=0.0, atol=0.02 * deviation.min())
     np.testing.assert_allclose(np.linalg.norm(factor, axis=1), deviation, rtol=0.01)
@@ -174,10 +174,12 @@ def test_the_beginning_of_a_long_telemetry_tells_the_noise(tmp_path, monkeypatch
     whole = find_heat(problem, problem.priors.median())
     looked = []
     monkeypatch.setattr(heat_search, "_WORK", 2e5)
-    monkeypatch.setattr(heat_search, "Evidence", lambda *own: looked.append(len(own[1][0])) or Evidence(*own))
+    monkeypatch.setattr(
+        heat_search, "Evidence", lambda *arguments: looked.append(len(arguments[1][0])) or Evidence(*arguments)
+    )
     part = find_heat(problem, problem.priors.median())
     assert 0.3 < max(looked) / len(problem.windows[0].times) < 0.9
-    (mean, factor), (expected, of_whole) = (own.around.of_z(sizes_of(own)) for own in (part, whole))
+    (mean, factor), (expected, of_whole) = (point.around.of_z(sizes_of(point)) for point in (part, whole))
     deviation = np.linalg.norm(of_whole, axis=1)
     assert (abs(mean - expected) < deviation).all()
     np.testing.assert_allclose(np.linalg.norm(factor, axis=1), deviation, rtol=0.5)

@@ -120,7 +120,7 @@ the open loop's mode."""
 
 @pytest.mark.parametrize(
     ("model", "repeat"),
-    [pytest.param(*own, marks=[pytest.mark.slow] * (own == ("ar1", 90))) for own in REPEATS],
+    [pytest.param(*case, marks=[pytest.mark.slow] * (case == ("ar1", 90))) for case in REPEATS],
 )
 def test_a_thermostat_that_starts_near_its_threshold_or_drifts_out_of_step_is_followed(model, repeat):
     scenario = variant(load_scenario(VALIDATION), model)

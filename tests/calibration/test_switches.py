@@ -78,8 +78,8 @@ def test_heaters_that_warm_the_same_body_are_told_apart_by_where_they_may_switch
     heaters = [heater(states(), here[0], here[1]), heater(states(), here[2], here[3], place=1)]
     both = np.tile(slope, 2), np.tile(curvature, (2, 2))
     found = exchanged(heaters, *both)
-    for own, true in zip(found, (first, second), strict=True):
-        assert np.count_nonzero(own != true) <= 1
+    for on, true in zip(found, (first, second), strict=True):
+        assert np.count_nonzero(on != true) <= 1
 
 
 def test_a_heater_switches_nowhere_but_where_its_sensor_allows_it():
@@ -100,15 +100,15 @@ def test_a_switch_that_stays_keeps_its_moment_and_another_is_where_it_was_found(
     held = Held(
         "train", ((0.0, 3600.0, 0), (0.0, 3600.0, 1)), ((615.0, 1190.0, 0), (5.0, 9.0, 1)), ((615.0, 0, 300.0),)
     )
-    own = heater(states((10, 20)))
-    assert with_states(held, own, own.on) is held
-    found = with_states(held, own, states((10, 20), (40, 60)))
+    heater_times = heater(states((10, 20)))
+    assert with_states(held, heater_times, heater_times.on) is held
+    found = with_states(held, heater_times, states((10, 20), (40, 60)))
     assert found.on == ((5.0, 9.0, 1), (615.0, 1190.0, 0), (2400.0, 3600.0, 0))
     # The end of the window is no switch.
     assert found.switches == ((615.0, 0, 120.0), (1190.0, 0, 120.0), (2400.0, 0, 120.0))
-    rarely = replace(own, interval=300.0)
+    rarely = replace(heater_times, interval=300.0)
     assert {within for _, _, within in with_states(held, rarely, states((10, 20), (40, 60))).switches} == {600.0}
-    known = with_states(held, own, states((10, 20), (40, 60)), keeps=True)
+    known = with_states(held, heater_times, states((10, 20), (40, 60)), keeps=True)
     assert known.switches == ((615.0, 0, 300.0), (1190.0, 0, 120.0), (2400.0, 0, 120.0))
 
 

@@ -42,7 +42,7 @@ def rows():
         0.3 + 0.5 * rng.standard_normal(20_000),
     )
     units = {"link": written_unit("mW/K", "W/K")}
-    return {own.name: own for own in calibrated(Theta(LINK, START, SCALE, BIAS), given, units)}
+    return {row.name: row for row in calibrated(Theta(LINK, START, SCALE, BIAS), given, units)}
 
 
 def test_numbers_are_in_the_units_of_the_scenario_and_temperatures_in_degrees_celsius(rows):
@@ -69,19 +69,21 @@ def test_a_posterior_wider_than_its_prior_has_nothing_from_the_data():
 def test_a_posterior_far_out_in_a_wide_prior_has_much_from_the_data_however_wide_it_is_in_its_unit():
     capacity = Entry("capacity", "J/K", LogNormal(median=350.0, factor=1.5), "parameter", sets=("nodes.a.capacity",))
     given = draws(1840.0 * np.exp(0.15 * np.random.default_rng(1).standard_normal(4000)))
-    own = calibrated(Theta(capacity), given)[0]
-    assert own.deviation > (own.before_upper - own.before_lower) / 4
-    assert own.from_data == pytest.approx(1.0 - (0.15 / np.log(1.5)) ** 2, abs=0.02)
+    row = calibrated(Theta(capacity), given)[0]
+    assert row.deviation > (row.before_upper - row.before_lower) / 4
+    assert row.from_data == pytest.approx(1.0 - (0.15 / np.log(1.5)) ** 2, abs=0.02)
 
 
 def test_an_interval_if_fixed_numbers_are_off_is_in_the_same_unit_and_never_narrower():
     given = draws(284.15 + 0.1 * np.random.default_rng(3).standard_normal(4000))
     wider = 284.15 + 3.0 * (given - 284.15)
-    own, same = (calibrated(Theta(START), given, None, moved)[0] for moved in (wider, 284.15 + 0.5 * (given - 284.15)))
-    assert own.considered == pytest.approx((11.0 - 0.59, 11.0 + 0.59), abs=0.03)
-    assert own.times_as_wide == pytest.approx(3.0, rel=0.01)
+    widened, same = (
+        calibrated(Theta(START), given, None, moved)[0] for moved in (wider, 284.15 + 0.5 * (given - 284.15))
+    )
+    assert widened.considered == pytest.approx((11.0 - 0.59, 11.0 + 0.59), abs=0.03)
+    assert widened.times_as_wide == pytest.approx(3.0, rel=0.01)
     assert (same.considered, same.times_as_wide) == ((same.lower, same.upper), 1.0)
-    cooler = own.rescaled(lambda value: value - 11.0, 1.0, "K")
+    cooler = widened.rescaled(lambda value: value - 11.0, 1.0, "K")
     assert cooler.considered == pytest.approx((-0.59, 0.59), abs=0.03)
     assert calibrated(Theta(START), given)[0].considered is None
 
@@ -96,10 +98,10 @@ def test_correlations_are_those_of_the_draws():
 def test_a_row_is_short_and_its_html_escapes_names(rows):
     assert repr(rows["link"]).startswith("<link: 65")
     assert repr(rows["link"]).endswith("mW/K>")
-    own = Calibrated("a<b", "parameter", "W", *([1.0] * 9))
-    assert "<td>a&lt;b</td><td>W</td><td>1 [1, 1]</td><td>1 [1, 1]</td><td>100.0%</td>" in html_table([own])
-    wider = dataclasses.replace(own, considered_lower=0.5, considered_upper=1.5)
-    assert "<td>1 [1, 1]</td><td>[0.5, 1.5]</td><td>100.0%</td>" in html_table([wider, own])
+    row = Calibrated("a<b", "parameter", "W", *([1.0] * 9))
+    assert "<td>a&lt;b</td><td>W</td><td>1 [1, 1]</td><td>1 [1, 1]</td><td>100.0%</td>" in html_table([row])
+    wider = dataclasses.replace(row, considered_lower=0.5, considered_upper=1.5)
+    assert "<td>1 [1, 1]</td><td>[0.5, 1.5]</td><td>100.0%</td>" in html_table([wider, row])
 
 
 def test_a_posterior_is_a_line_and_in_notebooks_a_table():

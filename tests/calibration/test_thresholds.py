@@ -67,9 +67,9 @@ def test_thresholds_are_found_where_heaters_switch_and_all_else_stays(tmp_path, 
     np.testing.assert_array_equal(found[:, others], thetas[:, others])
     truth = {"on_below": 283.15, "off_above": 286.15}
     for name, column in zip(names, columns, strict=True):
-        own = found[:, column]
-        assert own.std() < 0.2
-        assert abs(own.mean() - truth[name]) < 2.5 * own.std()
+        draws = found[:, column]
+        assert draws.std() < 0.2
+        assert abs(draws.mean() - truth[name]) < 2.5 * draws.std()
 
 
 def test_without_such_parameters_nothing_is_done(tmp_path):

@@ -92,7 +92,7 @@ def pointed(quaternion):
         "third": {"inertial": [y, z, -w, -x]},
     }
     at = ["2024-03-01T00:00:00", "2024-03-01T01:10:00", "2024-03-01T02:20:00"]
-    return {"named": named, "timeline": [{"at": own, "attitude": name} for own, name in zip(at, named, strict=True)]}
+    return {"named": named, "timeline": [{"at": time, "attitude": name} for time, name in zip(at, named, strict=True)]}
 
 
 def switching(**modes):

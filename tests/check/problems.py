@@ -111,7 +111,9 @@ def several(**problems: Problem) -> Problem:
         windows.append(replace(window, name=f"train.{label}", start=window.start + after, times=window.times + after))
     windows.sort(key=lambda window: list(problems).index(window.label))
     scenario = scenario.model_copy(update={"windows": spans})
-    return replace(problem, scenario=scenario, windows=tuple(replace(own, scenario=scenario) for own in windows))
+    return replace(
+        problem, scenario=scenario, windows=tuple(replace(shifted, scenario=scenario) for shifted in windows)
+    )
 
 
 def centre_at(problem: Problem, **theta: float) -> Centre:

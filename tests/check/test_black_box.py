@@ -38,7 +38,7 @@ def run_only(monkeypatch):
 def named(scenario, data, prior_runs=None, draws=100):
     problem = build_problem(scenario, data)
     found = suspects(problem, data, prior_runs or PriorRuns(problem, draws))
-    print([(own.title, own.nats) for own in found.found], found.why_not)
+    print([(suspicion.title, suspicion.nats) for suspicion in found.found], found.why_not)
     return found
 
 
@@ -59,7 +59,7 @@ def test_beside_a_right_simulator_nothing_is_named_and_it_is_said_what_nobody_lo
     assert found.found == ()
     (line,) = found.lines
     assert line.startswith("not looked for: wrong heaters, modes, drivers")
-    good, caution = sorted(suspected(found), key=lambda own: own.state)
+    good, caution = sorted(suspected(found), key=lambda finding: finding.state)
     assert (good.state, caution.state) == ("good", "warn")
     assert "heaters" not in good.text
 
@@ -112,9 +112,9 @@ def test_a_clock_is_named_beside_a_program(program):
 def test_a_time_offset_is_advised_only_where_one_can_be_written(program, scene):
     for (scenario, data, prior_runs), advised in ((program, False), ((*scene, None), True)):
         ensemble = ensemble_at(build_problem(scenario, data), data, prior_runs)
-        advice = [own.words.advice for own in channel_clocks(ensemble)]
+        advice = [wrong.words.advice for wrong in channel_clocks(ensemble)]
         assert advice
-        assert all(("time_offset" in own) == advised for own in advice)
+        assert all(("time_offset" in text) == advised for text in advice)
 
 
 def test_what_a_clock_gains_by_chance_where_a_thermostat_is_out_of_step_is_no_clock(scene, run_only):
@@ -138,7 +138,8 @@ def test_a_simulator_whose_output_is_in_kelvin_is_named(scene, run_only):
     problem, data = build_problem(*scene), scene[1]
     more = np.array([0.0, 273.15])
     by_runs = [
-        tuple(replace(own, temperatures=own.temperatures + more) for own in run) for run in PriorRuns(problem).runs
+        tuple(replace(window_run, temperatures=window_run.temperatures + more) for window_run in run)
+        for run in PriorRuns(problem).runs
     ]
     first = suspects(problem, data, SimpleNamespace(thetas=PriorRuns(problem).thetas, runs=by_runs)).found[0]
     assert (first.kind, first.about) == ("unit", "panel_temp")

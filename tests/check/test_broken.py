@@ -61,7 +61,7 @@ def test_no_sensor_of_the_bundled_satellite_is_broken():
     scenario = load_scenario(EXAMPLES / "leo_observer" / "scenario.yaml")
     data = read(scenario)
     times = data["time"].to_numpy()
-    for channel in (own for own in scenario.observations if own.endswith("temperature")):
+    for channel in (name for name in scenario.observations if name.endswith("temperature")):
         # With all gaps in it, and orbits that come again in steps of 0.125 K.
         for first in range(0, len(times) - 200, 100):
             for part in (slice(first, first + 200), slice(first, None)):
@@ -78,10 +78,10 @@ def test_a_thermostats_cycle_is_no_repetition():
 def test_a_stuck_sensor_is_told_by_what_the_model_does_meanwhile():
     values = telemetry()
     values[100:] = values[100]
-    own = found(values)
-    assert own.suspicion.kind == "stuck"
-    assert "from 2024-03-01 01:40:00 UTC" in own.suspicion.sentence
-    assert own.useless[101:].all()
+    fault = found(values)
+    assert fault.suspicion.kind == "stuck"
+    assert "from 2024-03-01 01:40:00 UTC" in fault.suspicion.sentence
+    assert fault.useless[101:].all()
     assert found(values, np.full(200, 290.0)) is None
 
 
@@ -92,11 +92,11 @@ def test_a_sensor_that_is_stuck_again_and_again_is_told_with_all_stretches():
     for part in stretches:
         values[part] = values[part.start]
     values[178] = telemetry()[178]
-    own = found(values)
-    assert own.suspicion.title == "body_temp is stuck again and again"
-    assert own.suspicion.sentence.startswith("3 times it reads one number for 33 samples or more, the first")
-    assert all(own.useless[part.start : part.stop - 2].all() for part in stretches)
-    assert own.useless.sum() < 110
+    fault = found(values)
+    assert fault.suspicion.title == "body_temp is stuck again and again"
+    assert fault.suspicion.sentence.startswith("3 times it reads one number for 33 samples or more, the first")
+    assert all(fault.useless[part.start : part.stop - 2].all() for part in stretches)
+    assert fault.useless.sum() < 110
     assert found(values, np.full(200, 290.0)) is None
 
 
@@ -105,10 +105,10 @@ def test_a_stuck_sensor_is_told_by_where_it_goes_on():
     values[20:32] = values[20]
     assert found(values, np.full(200, np.nan)) is None
     values[32:] += 6.0
-    own = found(values, np.full(200, np.nan))
-    assert own.suspicion.kind == "stuck"
-    assert "in 12 samples" in own.suspicion.sentence
-    assert own.useless.sum() >= 11
+    fault = found(values, np.full(200, np.nan))
+    assert fault.suspicion.kind == "stuck"
+    assert "in 12 samples" in fault.suspicion.sentence
+    assert fault.useless.sum() >= 11
 
 
 UNKNOWN = np.full(200, np.nan)
@@ -119,10 +119,10 @@ UNKNOWN = np.full(200, np.nan)
 def test_without_a_model_a_stuck_sensor_is_told_by_how_it_moves_elsewhere(part):
     values = telemetry()
     values[part] = values[part.start]
-    own = found(values, UNKNOWN)
-    assert own.suspicion.kind == "stuck"
-    assert "its other samples move by" in own.suspicion.sentence
-    assert own.useless[part.start + 1 : part.stop].all()
+    fault = found(values, UNKNOWN)
+    assert fault.suspicion.kind == "stuck"
+    assert "its other samples move by" in fault.suspicion.sentence
+    assert fault.useless[part.start + 1 : part.stop].all()
 
 
 @pytest.mark.parametrize("step", [0.5, 1.0, 2.0])
@@ -152,15 +152,15 @@ def test_a_sensor_that_is_stuck_throughout_is_told():
 def test_a_copied_block_is_told_with_its_lag():
     values = telemetry()
     values[90:160] = values[20:90]
-    own = found(values)
-    assert own.suspicion.kind == "repeating"
-    assert "those of 70 samples before" in own.suspicion.sentence
-    assert own.useless[90:160].all()
+    fault = found(values)
+    assert fault.suspicion.kind == "repeating"
+    assert "those of 70 samples before" in fault.suspicion.sentence
+    assert fault.useless[90:160].all()
 
 
 def test_a_held_reading_is_told_with_its_stride():
-    own = found(telemetry()[np.arange(200) // 8 * 8])
-    assert (own.suspicion.kind, "8 samples" in own.suspicion.title) == ("held", True)
+    fault = found(telemetry()[np.arange(200) // 8 * 8])
+    assert (fault.suspicion.kind, "8 samples" in fault.suspicion.title) == ("held", True)
 
 
 @pytest.mark.parametrize("stride", [5, 8])
@@ -186,19 +186,19 @@ def test_what_rises_and_falls_in_straight_lines_is_no_interpolation(noise):
 def test_a_spike_is_told_with_its_time_and_left_out():
     values = telemetry()
     values[57] += 40.0
-    own = found(values)
-    assert own.suspicion.kind == "spike"
-    assert "2024-03-01 00:57:00 UTC" in own.suspicion.sentence
-    assert np.flatnonzero(own.useless).tolist() == [57]
+    fault = found(values)
+    assert fault.suspicion.kind == "spike"
+    assert "2024-03-01 00:57:00 UTC" in fault.suspicion.sentence
+    assert np.flatnonzero(fault.useless).tolist() == [57]
 
 
 def test_spikes_that_come_now_and_then_are_told_from_noise():
     values = telemetry()
     hit = [17, 57, 80, 121, 160]
     values[hit] += 25.0 + np.arange(5)
-    own = found(values)
-    assert (own.suspicion.kind, own.suspicion.title) == ("spike", "body_temp has 5 spikes")
-    assert np.flatnonzero(own.useless).tolist() == hit
+    fault = found(values)
+    assert (fault.suspicion.kind, fault.suspicion.title) == ("spike", "body_temp has 5 spikes")
+    assert np.flatnonzero(fault.useless).tolist() == hit
 
 
 def test_a_sensor_that_is_broken_for_a_time_is_told_with_what_leaves_that_time_out():
@@ -207,13 +207,13 @@ def test_a_sensor_that_is_broken_for_a_time_is_told_with_what_leaves_that_time_o
     spike[[57, 121]] += 40.0
     copied[90:160] = copied[20:90]
     for values in (stuck, spike, copied):
-        own = found(values)
-        text, _, place = own.suspicion.advice.removeprefix("Leave it out: '").partition("' of ")
+        fault = found(values)
+        text, _, place = fault.suspicion.advice.removeprefix("Leave it out: '").partition("' of ")
         assert place == "body_temp in 'telemetry: channels'"
         written = TypeAdapter(tuple[Span, ...]).validate_python(YAML(typ="safe").load(text)["leave_out"])
-        assert len(written) == (2 if own.suspicion.kind == "spike" else 1)
+        assert len(written) == (2 if fault.suspicion.kind == "spike" else 1)
         within = [(np.datetime64(span.start) <= TIMES) & (np.datetime64(span.end) >= TIMES) for span in written]
-        np.testing.assert_array_equal(np.any(within, axis=0), own.useless)
+        np.testing.assert_array_equal(np.any(within, axis=0), fault.useless)
 
 
 def test_the_last_sample_before_a_gap_is_no_spike():
@@ -235,16 +235,16 @@ def test_a_number_that_stands_for_no_reading_is_told_though_it_comes_often():
     values = telemetry()
     lost = np.random.default_rng(1).choice(200, 12, replace=False)
     values[lost] = 213.15
-    own = found(values)
-    assert own.suspicion.kind == "filled"
-    assert "−60.00 degC comes 12 times" in own.suspicion.sentence
-    assert sorted(np.flatnonzero(own.useless).tolist()) == sorted(lost.tolist())
+    fault = found(values)
+    assert fault.suspicion.kind == "filled"
+    assert "−60.00 degC comes 12 times" in fault.suspicion.sentence
+    assert sorted(np.flatnonzero(fault.useless).tolist()) == sorted(lost.tolist())
 
 
 def test_readings_that_stop_at_the_end_of_a_range_are_told_with_it():
-    own = found(np.minimum(telemetry(), 294.0))
-    assert (own.suspicion.kind, own.suspicion.title) == ("clipped", "body_temp shows nothing above 20.85 degC")
-    assert own.useless.sum() > 50
+    fault = found(np.minimum(telemetry(), 294.0))
+    assert (fault.suspicion.kind, fault.suspicion.title) == ("clipped", "body_temp shows nothing above 20.85 degC")
+    assert fault.useless.sum() > 50
     low = found(np.maximum(telemetry(), 286.0))
     assert (low.suspicion.kind, "below" in low.suspicion.title) == ("clipped", True)
 
@@ -253,8 +253,8 @@ def test_readings_that_stop_at_the_windows_ends_are_clipped_too():
     swing = 290.0 + 8.0 * np.cos(np.arange(200) / 32.0)
     values = np.minimum(np.round(swing / 0.1) * 0.1, 294.0)
     assert values[0] == values[-1] == 294.0
-    own = found(values, swing)
-    assert (own.suspicion.kind, int(own.useless.sum())) == ("clipped", int((values == 294.0).sum()))
+    fault = found(values, swing)
+    assert (fault.suspicion.kind, int(fault.useless.sum())) == ("clipped", int((values == 294.0).sum()))
     assert found(np.round(swing / 0.1) * 0.1, swing) is None
 
 
@@ -263,8 +263,8 @@ def test_short_peaks_that_rise_fast_and_fall_slowly_are_clipped_where_the_model_
     peaks = 288.0 + 8.0 * np.minimum(since / 2.0, np.exp(-(since - 2.0).clip(0.0) / 12.0))
     noise = 0.05 * np.random.default_rng(0).standard_normal(200)
     read = np.round((peaks + noise) / 0.1) * 0.1
-    own = found(np.minimum(read, 292.0), peaks)
-    assert (own.suspicion.kind, own.suspicion.title) == ("clipped", "body_temp shows nothing above 18.85 degC")
+    fault = found(np.minimum(read, 292.0), peaks)
+    assert (fault.suspicion.kind, fault.suspicion.title) == ("clipped", "body_temp shows nothing above 18.85 degC")
     assert found(read, peaks) is None
     # A model that is half as large again is no sensor that stops.
     assert found(read, 288.0 + 1.5 * (peaks - 288.0)) is None

@@ -112,12 +112,12 @@ def test_what_is_not_told_of_the_noise_of_several_channels_is_one_caution():
     noises = ["noise.tank.correlation_time", "noise.battery"]
 
     def cautions(names):
-        own = tuple(Combination((Move(name, 0.1, 0.2, 1.0),), 0.01, "alone") for name in names)
+        combinations = tuple(Combination((Move(name, 0.1, 0.2, 1.0),), 0.01, "alone") for name in names)
         of_noise = [replace(checked.infos[0], name=name) for name in noises]
         changed = replace(
             checked,
             infos=(*checked.infos, *of_noise),
-            identifiability=replace(checked.identifiability, combinations=own),
+            identifiability=replace(checked.identifiability, combinations=combinations),
         )
         return [finding for finding in findings_of(changed) if finding.title.startswith("The telemetry says")]
 
@@ -133,8 +133,8 @@ def test_of_two_combinations_of_the_same_parameters_the_one_that_is_told_least_i
     problem = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH)
     checked = check(problem, THOROUGH, infos(problem))
     moves = (Move("level", 1.0, 1.2, 1.0), Move("idle", 0.1, 0.3, 3.0))
-    own = (Combination(moves, 0.01, "mixed"), Combination(moves[::-1], 0.2, "mixed"))
-    changed = replace(checked, identifiability=replace(checked.identifiability, combinations=own))
+    combinations = (Combination(moves, 0.01, "mixed"), Combination(moves[::-1], 0.2, "mixed"))
+    changed = replace(checked, identifiability=replace(checked.identifiability, combinations=combinations))
     (said,) = [finding for finding in findings_of(changed) if "make up for one another" in finding.title]
     assert said.title.startswith("level and idle")
 
@@ -161,7 +161,7 @@ def level():
 
 def test_no_caution_stands_above_a_problem(level):
     unsure = replace(level.centre, is_mode=False)
-    missed = [replace(own, reached=0.1, beyond=9.0) for own in level.predictive.channels]
+    missed = [replace(channel, reached=0.1, beyond=9.0) for channel in level.predictive.channels]
     checked = replace(level, centre=unsure, predictive=replace(level.predictive, channels=tuple(missed)))
     states = [finding.state for finding in findings_of(checked)]
     assert {"bad", "warn", "good"} <= set(states)

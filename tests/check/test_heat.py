@@ -25,7 +25,7 @@ def at_median(problem):
 def found_for(folder, content):
     problem = build_problem(*small.closed_loop(folder, content | {"heat": {}}))
     found = beside_heat(problem, at_median(problem))
-    return found, {own.name: own for own in found.parameters}
+    return found, {parameter.name: parameter for parameter in found.parameters}
 
 
 def sunlit():
@@ -62,17 +62,17 @@ def test_heat_that_follows_the_eclipse_imitates_an_absorptivity(heated):
 
 def test_what_is_well_told_beside_heat_is_no_matter(heated):
     _, found = heated
-    own = replace(found["absorptivity"], without=0.005, beside=0.05)
-    assert own.growth > WIDER
-    assert not own.matters
-    assert replace(own, beside=0.5).matters
+    absorptivity = replace(found["absorptivity"], without=0.005, beside=0.05)
+    assert absorptivity.growth > WIDER
+    assert not absorptivity.matters
+    assert replace(absorptivity, beside=0.5).matters
 
 
 def test_heat_in_one_node_does_not_imitate_a_conductance_between_two_that_a_heater_excites(tmp_path):
     _, found = found_for(tmp_path, small.content())
     assert found["link"].cosine < 0.9
     assert found["power"].cosine > 0.9
-    assert all(own.without < own.beside < 1.0 for own in found.values())
+    assert all(parameter.without < parameter.beside < 1.0 for parameter in found.values())
 
 
 def test_a_problem_without_heat_is_not_looked_at(tmp_path):
@@ -90,18 +90,20 @@ def test_widths_and_cosines_are_those_of_dense_matrices():
     entries = [entry("a"), entry("b"), entry("c"), entry("initial.d", "initial")]
     found = _compared(entries, effect, heat, {"left": heat[:, :6], "right": heat[:, 6:]})
     covariance = np.eye(60) + heat @ heat.T
-    for own, known in (("without", np.eye(60)), ("beside", covariance)):
+    for width, known in (("without", np.eye(60)), ("beside", covariance)):
         exact = np.sqrt(np.diag(np.linalg.inv(np.eye(4) + effect.T @ np.linalg.solve(known, effect))))
-        values = {item.name: getattr(item, own) for item in found.parameters}
+        values = {item.name: getattr(item, width) for item in found.parameters}
         np.testing.assert_allclose([values[name] for name in "abc"], exact[:3], rtol=1e-10)
     start = effect[:, 3] / np.linalg.norm(effect[:, 3])
     projector = np.eye(60) - np.outer(start, start)
     for item in found.parameters:
         column = projector @ effect[:, "abc".index(item.name)]
         shares = []
-        for own in (heat[:, :6], heat[:, 6:]):
-            own = projector @ own
-            shares.append(1.0 - column @ np.linalg.solve(np.eye(60) + own @ own.T, column) / (column @ column))
+        for part in (heat[:, :6], heat[:, 6:]):
+            projected = projector @ part
+            shares.append(
+                1.0 - column @ np.linalg.solve(np.eye(60) + projected @ projected.T, column) / (column @ column)
+            )
         assert item.cosine == pytest.approx(np.sqrt(max(shares)))
         assert item.node == ("left", "right")[int(np.argmax(shares))]
 
@@ -119,16 +121,16 @@ def test_two_parameters_that_one_heat_imitates_are_named_together():
 def test_a_finding_says_what_heat_takes_and_what_would_tell(heated):
     found, by_name = heated
     words = heat_findings(found)
-    (surface,) = [own for own in words if "absorptivity" in own.title]
+    (surface,) = [finding for finding in words if "absorptivity" in finding.title]
     assert surface.state == "warn"
     assert "Other eclipses or attitudes than those in the training windows would tell" in surface.text
-    own = by_name["absorptivity"]
+    parameter = by_name["absorptivity"]
     (line,) = surface.details
     assert line == (
-        f"Heat in panel can imitate absorptivity (cosine {own.cosine:.2f}): its interval will be about "
-        f"{own.growth:.0f} times as wide as without heat, {100 * own.beside:.0f}% as wide as the prior's."
+        f"Heat in panel can imitate absorptivity (cosine {parameter.cosine:.2f}): its interval will be about "
+        f"{parameter.growth:.0f} times as wide as without heat, {100 * parameter.beside:.0f}% as wide as the prior's."
     )
-    plain = tuple(replace(own, cosine=0.1, beside=own.without) for own in found.parameters)
+    plain = tuple(replace(item, cosine=0.1, beside=item.without) for item in found.parameters)
     (good,) = heat_findings(replace(found, parameters=plain, pairs=()))
     assert good.state == "good"
     assert heat_findings(None) == []

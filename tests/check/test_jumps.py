@@ -19,7 +19,7 @@ def found(values, modelled=MODELLED):
 
 
 def test_sound_telemetry_does_not_jump():
-    assert [own for seed in range(5) for own in found(telemetry(seed))] == []
+    assert [jump for seed in range(5) for jump in found(telemetry(seed))] == []
 
 
 def test_a_spike_is_no_jump():
@@ -44,9 +44,9 @@ def test_what_the_model_does_too_is_no_jump():
 def test_a_sensor_that_changes_is_named_alone():
     values = telemetry()
     values[100:, 0] += 9.0
-    (own,) = in_words(found(values))
-    assert (own.kind, own.about) == ("jump", "panel_temp")
-    assert "At 2024-03-01 01:40:00 UTC it goes by 9" in own.sentence
+    (suspicion,) = in_words(found(values))
+    assert (suspicion.kind, suspicion.about) == ("jump", "panel_temp")
+    assert "At 2024-03-01 01:40:00 UTC it goes by 9" in suspicion.sentence
 
 
 def test_each_sensor_that_changes_is_named_with_its_own_jumps():
@@ -54,7 +54,7 @@ def test_each_sensor_that_changes_is_named_with_its_own_jumps():
     values[100:, 0] += 9.0
     values[40:, 1] += 5.0
     values[150:, 1] += 6.0
-    told = {own.about: own.sentence for own in in_words(found(values))}
+    told = {suspicion.about: suspicion.sentence for suspicion in in_words(found(values))}
     assert set(told) == set(NAMES)
     assert "other moment" not in told["panel_temp"]
     assert "at 1 other moment." in told["body_temp"]
@@ -64,9 +64,9 @@ def test_channels_that_jump_at_once_are_a_matter_of_time():
     """The slow one by little."""
     values = telemetry()
     values[100:] = values[40:140]
-    (own,) = in_words(found(values))
-    assert (own.kind, own.about) == ("order", "time")
-    assert "panel_temp and body_temp jump at once" in own.sentence
+    (suspicion,) = in_words(found(values))
+    assert (suspicion.kind, suspicion.about) == ("order", "time")
+    assert "panel_temp and body_temp jump at once" in suspicion.sentence
 
 
 def test_channels_of_packets_with_times_of_their_own_jump_all_the_same():
@@ -75,9 +75,9 @@ def test_channels_of_packets_with_times_of_their_own_jump_all_the_same():
     times = np.repeat(TIMES, 2) + np.tile([0, 1_000_000_000], 200).astype("timedelta64[ns]")
     apart = np.full((400, 2), np.nan)
     apart[::2, 0], apart[1::2, 1] = values.T
-    (own,) = jumps(NAMES, times, apart, np.repeat(MODELLED, 2, axis=0))
-    assert own.time == TIMES[100]
-    assert own.channels == NAMES
+    (jump,) = jumps(NAMES, times, apart, np.repeat(MODELLED, 2, axis=0))
+    assert jump.time == TIMES[100]
+    assert jump.channels == NAMES
 
 
 def test_old_telemetry_that_is_sent_again_is_not_out_of_order():
@@ -103,8 +103,8 @@ def of_two_satellites(apart):
 def test_rows_of_two_satellites_that_take_turns_are_named():
     values, modelled = of_two_satellites(apart=40)
     assert in_turns(NAMES, values, modelled) == ["panel_temp", "body_temp"]
-    (own,) = in_words([], in_turns(NAMES, values, modelled))
-    assert (own.kind, own.about, own.title) == ("order", "rows", "Rows of two sources take turns")
+    (suspicion,) = in_words([], in_turns(NAMES, values, modelled))
+    assert (suspicion.kind, suspicion.about, suspicion.title) == ("order", "rows", "Rows of two sources take turns")
 
 
 def test_sound_telemetry_does_not_take_turns():

@@ -62,7 +62,7 @@ def test_noise_is_at_no_edge_where_it_stands_for_unmodelled_heat(tmp_path, heat,
     medians = dict(zip(problem.names, problem.priors.median(), strict=True))
     upper = dict(zip(problem.names, problem.priors.quantile(0.999), strict=True))
     centre = centre_at(problem, **(medians | {"noise.body_temp": upper["noise.body_temp"]}))
-    assert [own.name for own in found_for(problem, centre, 20).pressed] == pressed
+    assert [parameter.name for parameter in found_for(problem, centre, 20).pressed] == pressed
 
 
 @pytest.mark.parametrize(

@@ -45,8 +45,8 @@ def test_first_order_indices_of_given_data_are_those_of_ishigami():
 def test_errors_of_given_data_are_as_large_as_the_indices_scatter():
     samples = [np.random.default_rng(seed).random((800, 3)) for seed in range(40)]
     found = [given_data(share, ishigami(share), seed=1) for share in samples]
-    scatter = 1.96 * np.std([own.first[0, :2] for own in found], axis=0)
-    np.testing.assert_allclose(np.mean([own.first_error[0, :2] for own in found], axis=0), scatter, rtol=0.25)
+    scatter = 1.96 * np.std([indices.first[0, :2] for indices in found], axis=0)
+    np.testing.assert_allclose(np.mean([indices.first_error[0, :2] for indices in found], axis=0), scatter, rtol=0.25)
 
 
 def test_failed_evaluations_leave_their_blocks_out_and_constants_have_no_indices():

@@ -36,7 +36,7 @@ def test_a_channel_that_is_stuck_throughout_is_named_and_warns_of_nothing(flown,
     scenario, data = flown
     first = named(scenario, spoilt(data, panel_temp=np.full(data.sizes["time"], 280.0)))[0]
     assert (first.kind, first.about) == ("stuck", "panel_temp")
-    assert not [own for own in recwarn if issubclass(own.category, RuntimeWarning)]
+    assert not [warning for warning in recwarn if issubclass(warning.category, RuntimeWarning)]
 
 
 def test_a_heater_without_a_status_beside_one_that_has_it_is_no_error(tmp_path):
@@ -68,7 +68,7 @@ def test_a_channel_that_is_stuck_late_in_a_long_window_is_named(tmp_path):
     values = data["panel_temp"].to_numpy().copy()
     values[600:710] = values[600]
     told = named(scenario, spoilt(data, panel_temp=values))
-    assert [(own.kind, own.about) for own in told] == [("stuck", "panel_temp")]
+    assert [(suspicion.kind, suspicion.about) for suspicion in told] == [("stuck", "panel_temp")]
     assert "2024-03-01 10:00" in told[0].sentence
 
 
@@ -77,8 +77,8 @@ def test_a_channel_that_is_stuck_in_the_window_to_test_on_is_named_there_too(flo
     values = data["panel_temp"].to_numpy().copy()
     start = int(np.searchsorted(data["time"].to_numpy(), np.datetime64("2024-03-01T02:00:00")))
     values[start:] = values[start]
-    told = [own for own in named(scenario, spoilt(data, panel_temp=values)) if own.kind == "stuck"]
-    assert [own.about for own in told] == ["panel_temp", "panel_temp"]
+    told = [suspicion for suspicion in named(scenario, spoilt(data, panel_temp=values)) if suspicion.kind == "stuck"]
+    assert [suspicion.about for suspicion in told] == ["panel_temp", "panel_temp"]
     assert "in all" in told[1].sentence
     assert "03:30" in told[1].advice or "03:29" in told[1].advice
 
@@ -86,8 +86,8 @@ def test_a_channel_that_is_stuck_in_the_window_to_test_on_is_named_there_too(flo
 def test_a_status_that_never_changes_is_told_where_its_thermostat_acts(flown):
     scenario, data = flown
     found = named(scenario, spoilt(data, heater_status=0.0 * data["heater_status"]))
-    assert ("thermostat", "heater") in [(own.kind, own.about) for own in found]
-    assert all("status" in own.title or "status of heater" in own.advice for own in found)
+    assert ("thermostat", "heater") in [(suspicion.kind, suspicion.about) for suspicion in found]
+    assert all("status" in suspicion.title or "status of heater" in suspicion.advice for suspicion in found)
 
 
 def test_what_explains_a_disobeyed_thermostat_is_named_though_little_else_tells_it(flown, monkeypatch):
@@ -152,7 +152,7 @@ def test_a_status_that_never_changes_is_told_too_where_it_comes_at_times_of_its_
     even = np.arange(data.sizes["time"]) % 2 == 0
     status = np.where(even, np.nan, 0.0)
     apart = spoilt(data, body_temp=np.where(even, data["body_temp"], np.nan), heater_status=status)
-    assert ("thermostat", "heater") in [(own.kind, own.about) for own in named(scenario, apart)]
+    assert ("thermostat", "heater") in [(suspicion.kind, suspicion.about) for suspicion in named(scenario, apart)]
 
 
 def test_a_thermostats_own_telemetry_says_when_it_was_on(flown):
@@ -218,7 +218,9 @@ def test_telemetry_that_nothing_explains_is_said_not_to_be_of_the_scenario(flown
         "panel_temp": 300.0 + 20.0 * np.sin(2.0 * np.pi * seconds / 1700.0),
     }
     noise = 0.1 * np.random.default_rng(0).standard_normal((2, len(seconds)))
-    first = named(scenario, spoilt(data, **{name: wild[name] + own for name, own in zip(wild, noise, strict=True)}))[0]
+    first = named(
+        scenario, spoilt(data, **{name: wild[name] + series for name, series in zip(wild, noise, strict=True)})
+    )[0]
     assert first.kind == "everything"
 
 
@@ -247,7 +249,7 @@ def test_what_a_channel_shows_by_itself_comes_first_and_is_left_out(flown):
     values = data["panel_temp"].to_numpy().copy()
     values[60:] = values[60]
     found = named(scenario, spoilt(data, panel_temp=values))
-    assert [own.kind for own in found] == ["stuck", "stuck"]  # the window to test on too
+    assert [suspicion.kind for suspicion in found] == ["stuck", "stuck"]  # the window to test on too
 
 
 @pytest.mark.parametrize("kind", ["spike", "held", "interpolated"])
@@ -265,7 +267,7 @@ def test_a_clock_that_is_off_stands_before_a_spike(tmp_path):
     scenario, data = small.closed_loop(tmp_path, sunlit())
     late = data.assign_coords(time=data["time"] + np.timedelta64(20, "m"))
     late["panel_temp"].values[100] += 9.0
-    kinds = [own.kind for own in named(scenario, late)]
+    kinds = [suspicion.kind for suspicion in named(scenario, late)]
     assert (kinds[0], kinds[-1]) == ("clock", "spike")
 
 
@@ -287,10 +289,13 @@ def test_findings_name_the_best_and_below_it_the_others():
     bias = Suspicion("bias", "b", "b reads 3 K too high", "It does.", "Check it", 40.0)
     unit = Suspicion("unit", "c", "c is in degF", "It is.", "Convert it", 30.0)
     found = suspected(Suspects((stuck, bias, unit), True))
-    assert [own.title for own in found] == ["Likely wrong: a is stuck", "Likely wrong, one of 2: b reads 3 K too high"]
+    assert [finding.title for finding in found] == [
+        "Likely wrong: a is stuck",
+        "Likely wrong, one of 2: b reads 3 K too high",
+    ]
     assert found[1].details == ("Or: c is in degF.",)
-    assert [own.state for own in suspected(Suspects((), True))] == ["good"]
-    assert [own.state for own in suspected(Suspects((), True), reached=False)] == ["warn"]
+    assert [finding.state for finding in suspected(Suspects((), True))] == ["good"]
+    assert [finding.state for finding in suspected(Suspects((), True), reached=False)] == ["warn"]
     assert suspected(Suspects()) == []
 
 
@@ -307,7 +312,7 @@ def test_what_was_not_compared_with_the_simulator_is_a_caution_and_a_line_that_s
 
 def test_that_no_simple_wrong_explains_the_telemetry_is_no_wrong():
     found = Suspects(tuple(unexplained(fit(5.0, 900.0), None, [])), True)
-    assert [own.title for own in suspected(found)] == ["No simple wrong explains the telemetry"]
+    assert [finding.title for finding in suspected(found)] == ["No simple wrong explains the telemetry"]
     assert found.lines[0].startswith("No simple wrong explains the telemetry. Neither")
 
 
@@ -330,7 +335,7 @@ def better(kind, after, nats=50.0):
 
 def test_a_model_that_no_wrong_brings_nearer_is_of_another_telemetry_only_where_it_is_far_off():
     assert unexplained(fit(2.5, 300.0), None, []) == []
-    assert [own.kind for own in unexplained(fit(4.5, 900.0), None, [])] == ["everything"]
+    assert [suspicion.kind for suspicion in unexplained(fit(4.5, 900.0), None, [])] == ["everything"]
     assert unexplained(fit(1.5, 300.0), None, [better("bias", fit(1.2, 250.0))]) == []
 
 
@@ -344,14 +349,14 @@ def test_what_is_only_a_part_is_told_as_a_part():
 def test_a_wrong_that_leaves_most_of_a_misfit_is_not_named_however_many_nats_it_gains():
     crude = fit(1.8, 300.0)
     assert ranked([better("bias", fit(1.1, 100.0), 200.0)], crude) == []
-    assert [own.kind for own in ranked([better("bias", fit(1.1, 50.0), 250.0)], crude)] == ["bias"]
+    assert [suspicion.kind for suspicion in ranked([better("bias", fit(1.1, 50.0), 250.0)], crude)] == ["bias"]
 
 
 def test_a_clock_that_explains_much_is_named_whatever_a_real_satellite_s_model_lacks_beside():
     real = fit(3.3, 550.0)
     clock, heat = better("clock", fit(1.2, 155.0), 390.0), better("missing heat", fit(0.9, 95.0), 366.0)
     bias = better("bias", fit(1.2, 155.0), 395.0)
-    assert [own.kind for own in ranked([bias, clock, heat], real)] == ["clock", "missing heat"]
+    assert [suspicion.kind for suspicion in ranked([bias, clock, heat], real)] == ["clock", "missing heat"]
     assert ranked([better("clock", fit(3.0, 500.0), 50.0)], real) == []
     assert ranked([better("clock", fit(1.1, 100.0), 25.0)], fit(1.2, 160.0)) == []
 
@@ -359,7 +364,9 @@ def test_a_clock_that_explains_much_is_named_whatever_a_real_satellite_s_model_l
 def test_a_parameter_may_be_farther_off_where_an_orbit_explains_all():
     """An orbit is found to a tenth of a degree, and something makes up for the rest."""
     after = fit(0.6, 35.0, size=1.0, farthest=6.0)
-    assert [own.kind for own in ranked([better("orbit", after), better("bias", after)], fit(300.0, 9e4))] == ["orbit"]
+    assert [
+        suspicion.kind for suspicion in ranked([better("orbit", after), better("bias", after)], fit(300.0, 9e4))
+    ] == ["orbit"]
     assert ranked([better("orbit", fit(1.1, 35.0, farthest=6.0))], fit(300.0, 9e4)) == []
 
 
@@ -374,12 +381,14 @@ def test_beside_a_simulator_that_is_only_run_a_wrong_that_leaves_it_far_off_is_n
 def test_two_sensors_of_one_node_stand_behind_what_explains_about_as_much():
     """Of two panels alike, that is what any wrong of one of them looks like."""
     found = [better("doubled", fit(0.3, 0.0), 144.0), better("number", fit(0.3, 0.0), 119.0)]
-    assert [own.kind for own in ranked(found, fit(1.4, 60.0))] == ["number", "doubled"]
-    assert [own.kind for own in ranked(found[:1], fit(1.4, 60.0))] == ["doubled"]
+    assert [suspicion.kind for suspicion in ranked(found, fit(1.4, 60.0))] == ["number", "doubled"]
+    assert [suspicion.kind for suspicion in ranked(found[:1], fit(1.4, 60.0))] == ["doubled"]
 
 
 def test_a_wrong_that_leaves_what_is_usual_is_named_though_it_leaves_much_of_little():
-    assert [own.kind for own in ranked([better("bias", fit(0.4, 30.0, size=2.0))], fit(0.5, 48.0))] == ["bias"]
+    assert [suspicion.kind for suspicion in ranked([better("bias", fit(0.4, 30.0, size=2.0))], fit(0.5, 48.0))] == [
+        "bias"
+    ]
     assert ranked([better("bias", fit(0.4, 30.0, size=4.0))], fit(0.5, 48.0)) == []
 
 
@@ -387,28 +396,30 @@ def test_what_leaves_more_than_nothing_wrong_is_not_named():
     """Without a status a heater's heat may stand for heat that is missing: a number is more probable and fits worse."""
     nothing = fit(0.4, 0.0, size=1.0)
     assert ranked([better("number", fit(0.52, 5.0, size=1.0), 55.0)], nothing) == []
-    assert [own.kind for own in ranked([better("number", fit(0.4, 0.0, size=1.0), 55.0)], nothing)] == ["number"]
+    assert [suspicion.kind for suspicion in ranked([better("number", fit(0.4, 0.0, size=1.0), 55.0)], nothing)] == [
+        "number"
+    ]
 
 
 def test_what_leaves_nothing_unusual_stands_before_what_leaves_much_and_explains_little_more():
     crude, much = fit(1.8, 300.0), better("between", fit(1.1, 50.0), 78.0)
     for nats, kinds in ((61.8, ["swapped", "between"]), (50.0, ["between"])):
         whole = better("swapped", fit(0.4, 1.0, size=1.0), nats)
-        assert [own.kind for own in ranked([much, whole], crude)] == kinds
+        assert [suspicion.kind for suspicion in ranked([much, whole], crude)] == kinds
     # Without a channel that belongs nowhere there is always less that is unusual.
     without = better("unrelated", fit(0.4, 1.0, size=1.0), 70.0)
-    assert [own.kind for own in ranked([much, without], crude)] == ["between", "unrelated"]
+    assert [suspicion.kind for suspicion in ranked([much, without], crude)] == ["between", "unrelated"]
     # Of two that leave nothing unusual the likelier stands first.
     both = [better("bias", fit(0.4, 1.0, size=1.0), 78.0), better("swapped", fit(0.4, 1.0, size=1.0), 70.0)]
-    assert [own.kind for own in ranked(both, crude)] == ["bias", "swapped"]
+    assert [suspicion.kind for suspicion in ranked(both, crude)] == ["bias", "swapped"]
 
 
 def test_only_what_explains_about_as_well_is_named_beside_the_best():
     crude = fit(1.8, 300.0)
     of = [better(kind, fit(0.4, 1.0), nats) for kind, nats in (("clock", 200.0), ("bias", 165.0), ("unit", 150.0))]
-    assert [own.kind for own in ranked(of, crude)] == ["clock", "bias"]
+    assert [suspicion.kind for suspicion in ranked(of, crude)] == ["clock", "bias"]
     of = [better(kind, fit(0.4, 1.0), nats) for kind, nats in (("clock", 20.0), ("bias", 11.0), ("unit", 9.0))]
-    assert [own.kind for own in ranked(of, crude)] == ["clock", "bias"]
+    assert [suspicion.kind for suspicion in ranked(of, crude)] == ["clock", "bias"]
 
 
 def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
@@ -419,7 +430,7 @@ def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
     wandering = spoilt(data, **{name: data[name] + 3.0 * wave for name, wave in waves.items()})
     found = suspects(build_problem(scenario, wandering), wandering)
     assert found.misfit is not None
-    assert {own.kind for own in found.found} <= {"everything"}
+    assert {suspicion.kind for suspicion in found.found} <= {"everything"}
     assert found.misfit.channel in suspected(found)[-1].text
 
 
@@ -434,7 +445,7 @@ def test_an_orbit_that_all_others_tell_goes_before_a_channel_that_does_not_belon
 
     monkeypatch.setattr(sys.modules[suspects.__module__], "_tried", tried)
     first = ["orbit"] if "orbit" in others else []
-    assert [own.kind for own in named(*flown)] == [*first, "unrelated"]
+    assert [suspicion.kind for suspicion in named(*flown)] == [*first, "unrelated"]
 
 
 def test_a_wrong_beside_which_something_else_is_far_off_is_not_named():
@@ -461,10 +472,10 @@ def test_samples_that_are_lost_are_named_before_anything_else(flown):
     """Later samples are tagged as if they followed at once: both channels jump."""
     scenario, data = flown
     values = {name: data[name].values.copy() for name in ("body_temp", "panel_temp")}
-    for name, own in values.items():
-        own[90:-40] = data[name].values[130:]
+    for name, readings in values.items():
+        readings[90:-40] = data[name].values[130:]
     found = suspects(build_problem(scenario, spoilt(data, **values)), spoilt(data, **values)).found
-    assert [(own.kind, own.about) for own in found] == [("order", "time")]
+    assert [(suspicion.kind, suspicion.about) for suspicion in found] == [("order", "time")]
 
 
 @pytest.mark.parametrize("name", ["train.second", "test.later"])
@@ -474,8 +485,8 @@ def test_a_spike_in_another_window_is_named_too(tmp_path, name):
     spans = {"train.first": (0, 60), "train.second": (60, 120), "test.later": (120, 170)}
     begin = np.datetime64(whole["start"])
     windows = {}
-    for own, (first, end) in spans.items():
-        group, _, called = own.partition(".")
+    for window, (first, end) in spans.items():
+        group, _, called = window.partition(".")
         start, stop = (str(begin + np.timedelta64(minutes, "m")) for minutes in (first, end))
         windows.setdefault(group, {})[called] = {"start": start, "end": stop}
     written["windows"] = windows
@@ -484,7 +495,7 @@ def test_a_spike_in_another_window_is_named_too(tmp_path, name):
     at = int(np.searchsorted(data["time"].to_numpy(), begin + np.timedelta64(spans[name][0] + 20, "m")))
     values[at] += 40.0
     found = suspects(build_problem(scenario, data), data.assign(body_temp=("time", values)))
-    assert [(own.kind, own.about) for own in found.found] == [("spike", "body_temp")]
+    assert [(suspicion.kind, suspicion.about) for suspicion in found.found] == [("spike", "body_temp")]
 
 
 def test_where_nothing_else_explains_it_the_sensor_of_a_heater_without_a_status_is_in_another_unit(
@@ -496,5 +507,5 @@ def test_where_nothing_else_explains_it_the_sensor_of_a_heater_without_a_status_
     for module in ("white_box", "suspicion"):
         monkeypatch.setattr(sys.modules[f"flightcal.check.{module}"], "CLEAR", 1e6)
     celsius = data["body_temp"].to_numpy() - 273.15
-    (own,) = named(scenario, spoilt(data, body_temp=1.8 * celsius + 32.0 + 273.15))
-    assert own.title == "body_temp is in degF, and is read as degC"
+    (suspicion,) = named(scenario, spoilt(data, body_temp=1.8 * celsius + 32.0 + 273.15))
+    assert suspicion.title == "body_temp is in degF, and is read as degC"

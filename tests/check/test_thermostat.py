@@ -82,8 +82,8 @@ def test_gain_and_bias_are_no_warmth(tmp_path):
 
 def with_a_second_heater(**thresholds):
     written = small.content()
-    own = {"node": "panel", "power": "1 W", "sensor": "panel", "measured_by": "second_status"}
-    written["simulator"]["heaters"]["second"] = own | thresholds
+    heater = {"node": "panel", "power": "1 W", "sensor": "panel", "measured_by": "second_status"}
+    written["simulator"]["heaters"]["second"] = heater | thresholds
     written["telemetry"]["channels"]["second_status"] = {"column": "heater", "kind": "status"}
     written["observations"]["second_status"] = {"heater": "second"}
     return written
@@ -97,9 +97,9 @@ def test_two_thermostats_with_one_status_are_told(tmp_path):
     def told(status):
         return list(copied(build_window(scenario, data.assign(second_status=("time", status)), "train")))
 
-    (own,) = told(data["heater_status"].values)
-    assert (own.kind, own.about) == ("same status", "heater second")
-    assert own.title == "heater and second have the same status"
+    (suspicion,) = told(data["heater_status"].values)
+    assert (suspicion.kind, suspicion.about) == ("same status", "heater second")
+    assert suspicion.title == "heater and second have the same status"
     assert told(1.0 - data["heater_status"].values) == []
 
 
@@ -115,15 +115,15 @@ def test_two_thermostats_whose_thresholds_are_exchanged_are_told(tmp_path):
     written = with_a_second_heater(on_below="8 degC", off_above="11 degC")
     scenario, data = small.load(tmp_path, written)
     names = ("body_temp", "heater_status"), ("panel_temp", "second_status")
-    for own, values in zip(names, (cycled(421, 20, 10.0, 13.0), cycled(421, 26, 8.0, 11.0)), strict=True):
-        data = data.assign({name: ("time", one) for name, one in zip(own, values, strict=True)})
+    for channels, values in zip(names, (cycled(421, 20, 10.0, 13.0), cycled(421, 26, 8.0, 11.0)), strict=True):
+        data = data.assign({name: ("time", one) for name, one in zip(channels, values, strict=True)})
     assert list(exchanged(build_window(scenario, data, "train"))) == []
     first, second = written["simulator"]["heaters"].values()
     for key in ("on_below", "off_above"):
         first[key], second[key] = second[key], first[key]
-    (own,) = exchanged(build_window(small.load(tmp_path, written)[0], data, "train"))
-    assert (own.kind, own.about) == ("thresholds exchanged", "heater second")
-    assert own.title == "The thresholds of heater and second are exchanged"
+    (suspicion,) = exchanged(build_window(small.load(tmp_path, written)[0], data, "train"))
+    assert (suspicion.kind, suspicion.about) == ("thresholds exchanged", "heater second")
+    assert suspicion.title == "The thresholds of heater and second are exchanged"
 
 
 @pytest.mark.parametrize(("capacity", "told"), [("100 J/K", True), ("3000 J/K", False)])
@@ -132,7 +132,7 @@ def test_a_heater_that_switches_between_the_samples_of_its_status_is_told(tmp_pa
     written["simulator"]["nodes"]["body"]["capacity"] = capacity
     scenario, data = small.closed_loop(tmp_path, written)
     found = unfollowed(build_window(scenario, data, "train"))
-    assert [(own.kind, own.about) for own in found] == ([("sampling", "heater")] if told else [])
+    assert [(suspicion.kind, suspicion.about) for suspicion in found] == ([("sampling", "heater")] if told else [])
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def write_kept(folder: Path, *, name: str = "small", scenario: dict[str, Any] | 
     with (folder / "scenario.yaml").open("w") as file:
         YAML(typ="safe").dump(content, file)
     (folder / "calibrated.yaml").write_text("name: small\n")
-    records = [record(own, mean) for own, mean in ({"link": 0.65, "initial.body": 11.9} | means).items()]
+    records = [record(parameter, mean) for parameter, mean in ({"link": 0.65, "initial.body": 11.9} | means).items()]
     write_json(folder / "parameters.json", {"interval": 0.95, "parameters": records})
     with (folder / "parameters.csv").open("w") as file:
         csv.writer(file).writerow(records[0])

@@ -38,20 +38,20 @@ def test_a_backtest_leaves_its_records_its_predictions_and_a_page(finished):
     }  # fmt: skip
     content = json.loads((out / "backtest.json").read_text())
     assert content == found.content
-    assert [own["origin"] for own in content["origins"]] == ["2024-03-01T01:29:00", "2024-03-01T05:31:00"]
-    assert {own["band"] for own in content["scores"]} == {*BANDS, "all"}
+    assert [origin["origin"] for origin in content["origins"]] == ["2024-03-01T01:29:00", "2024-03-01T05:31:00"]
+    assert {score["band"] for score in content["scores"]} == {*BANDS, "all"}
     tree = read_tree(out / "backtest.nc")
-    assert list(tree.children) == [own["name"] for own in content["origins"]]
+    assert list(tree.children) == [origin["name"] for origin in content["origins"]]
     assert found.report == out / "report.html"
 
 
 def test_a_right_model_holds_and_its_errors_are_its_noise(finished):
     content = finished[2].content
     assert content["holds"]
-    whole = next(own for own in content["scores"] if own["origin"] == own["band"] == "all" == own["channel"])
+    whole = next(score for score in content["scores"] if score["origin"] == score["band"] == "all" == score["channel"])
     assert whole["rmse"] < 0.2
     assert whole["coverage"] > 0.85
-    assert [own["heater"] for own in content["duty"]] == ["heater", "heater"]
+    assert [duty["heater"] for duty in content["duty"]] == ["heater", "heater"]
 
 
 def test_measured_drivers_are_named(finished):
@@ -73,7 +73,8 @@ def test_the_page_says_before_which_origins_the_response_to_heat_is_not_linear(f
     shutil.copytree(out, tmp_path / "run")
     gates = ("", LINEAR)
     origins = [
-        own | {"passed": True, "failed_gates": gate} for own, gate in zip(found.content["origins"], gates, strict=True)
+        origin | {"passed": True, "failed_gates": gate}
+        for origin, gate in zip(found.content["origins"], gates, strict=True)
     ]
     (tmp_path / "run" / "backtest.json").write_text(json.dumps(found.content | {"origins": origins}))
     page = write_backtest(tmp_path / "run").read_text(encoding="utf-8")

@@ -161,7 +161,7 @@ def test_the_parameters_are_left_as_tables_with_their_correlations(finished):
     table = pd.read_csv(run / "parameters.csv").set_index("name")
     assert list(table.index) == names
     assert table.loc["power", "mean"] == pytest.approx(found["power"]["mean"], rel=1e-5)
-    assert [own.name for own in summary.parameters] == names
+    assert [parameter.name for parameter in summary.parameters] == names
 
 
 def test_the_calibrated_scenario_runs_as_it_is(finished, tmp_path):
@@ -179,8 +179,8 @@ def test_the_calibrated_scenario_runs_as_it_is(finished, tmp_path):
     assert numbers["conductors.body-panel.conductance"].value == pytest.approx(means["link"], rel=1e-5)
     assert numbers["loads.sun.coefficient"].value == pytest.approx(12.0 * means["panel_size"], rel=1e-5)
     before, after = (
-        float(simulate_to_csv(own, "train", [], tmp_path / "out.csv")[1].split("RMSE ")[1].split(" K")[0])
-        for own in (scenario, calibrated)
+        float(simulate_to_csv(file, "train", [], tmp_path / "out.csv")[1].split("RMSE ")[1].split(" K")[0])
+        for file in (scenario, calibrated)
     )
     assert before > 0.3
     assert after < 0.12
@@ -215,11 +215,11 @@ def test_draws_are_what_arviz_reads(finished):
 def test_every_array_that_is_written_says_its_unit_and_what_it_is(finished, name):
     _, run, _ = finished
     for group in xarray.open_datatree(run / name).subtree:
-        own = group.to_dataset()
-        for variable in own.variables:
-            attributes = own[variable].attrs
+        dataset = group.to_dataset()
+        for variable in dataset.variables:
+            attributes = dataset[variable].attrs
             assert "long_name" in attributes, (group.path, variable)
-            is_plain = variable in own.coords or own[variable].dtype.kind in "OSUM"
+            is_plain = variable in dataset.coords or dataset[variable].dtype.kind in "OSUM"
             assert is_plain or attributes["units"], (group.path, variable)
 
 
@@ -398,5 +398,7 @@ def test_a_genetic_algorithm_that_is_taken_over_is_that_which_would_be_run(finis
 
     run_experiment(other, tmp_path / "run")
 
-    taken, own = (xarray.load_dataset(folder / "genetic.nc", engine="h5netcdf") for folder in (run, tmp_path / "run"))
-    xarray.testing.assert_identical(taken, own)
+    taken, computed = (
+        xarray.load_dataset(folder / "genetic.nc", engine="h5netcdf") for folder in (run, tmp_path / "run")
+    )
+    xarray.testing.assert_identical(taken, computed)

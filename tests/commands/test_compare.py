@@ -78,9 +78,9 @@ def test_no_other_model_has_heat_nor_the_noise_beside_it(tmp_path, model):
 def test_with_heat_a_scenario_is_as_by_default(tmp_path):
     written = small.content()
     plain = small.load(tmp_path, written | {"heat": "none"})[0]
-    own = variant(plain, "heat")
-    assert heat_of(own) == heat_of(small.load(tmp_path, written | {"heat": {}})[0])
-    assert noise_of(own, "body_temp") == NOISE_BESIDE_HEAT
+    heated = variant(plain, "heat")
+    assert heat_of(heated) == heat_of(small.load(tmp_path, written | {"heat": {}})[0])
+    assert noise_of(heated, "body_temp") == NOISE_BESIDE_HEAT
     narrow = {"pattern": {"scale": 0.01}}
     assert heat_of(variant(small.load(tmp_path, written | {"heat": narrow})[0], "heat")).pattern.scale == 0.01
     noise = {"model": "ar1", "standard_deviation": {"half_normal": "0.3 K"}}
@@ -253,11 +253,11 @@ def lost_first(model, error=0.0):
 
 
 def test_models_are_held_to_the_samples_that_all_of_them_score():
-    own = {model: {"test": lost_first(model)} for model in ("heat", "iid")}
-    found = scored_by_all(own)
+    models = {model: {"test": lost_first(model)} for model in ("heat", "iid")}
+    found = scored_by_all(models)
     for model, windows in found.items():
-        np.testing.assert_array_equal(windows["test"]["scored"], own["iid"]["test"]["scored"], err_msg=model)
-    assert own["heat"]["test"]["scored"].all()
+        np.testing.assert_array_equal(windows["test"]["scored"], models["iid"]["test"]["scored"], err_msg=model)
+    assert models["heat"]["test"]["scored"].all()
     assert scored_by_all({}) == {}
 
 

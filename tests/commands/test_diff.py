@@ -128,4 +128,4 @@ def test_a_file_that_was_only_moved_is_no_difference_and_one_that_is_not_in_both
     one = {"a/telemetry.csv": "1", "a/orbit.tle": "2", "a/modes.csv": "3"}
     two = {"b/telemetry.csv": "1", "b/orbit.tle": "4"}
     assert changed_files(one, two) == ["modes.csv", "orbit.tle"]
-    assert changed_files(one, {f"moved/{name}": own for name, own in one.items()}) == []
+    assert changed_files(one, {f"moved/{name}": digest for name, digest in one.items()}) == []

@@ -161,7 +161,7 @@ def test_the_published_method_stands_beside_the_default():
             Metric("stochastic", "test", "tank", "picp", picp + 0.1, "1"),
         )
 
-    own, published = summary(Path("run"), scores(0.2, 0.95)), summary(Path("run/published"), scores(0.3, 0.5))
+    default, published = summary(Path("run"), scores(0.2, 0.95)), summary(Path("run/published"), scores(0.3, 0.5))
     reduced = replace(
         summary(Path("run/reduced"), scores(0.1, 0.9)),
         checked={
@@ -173,7 +173,7 @@ def test_the_published_method_stands_beside_the_default():
             ],
         },
     )
-    lines = printed(print_beside, own, {"published": published, "reduced": reduced})
+    lines = printed(print_beside, default, {"published": published, "reduced": reduced})
 
     cells = [cells_of(line) for line in lines]
     assert ["test", "rmse", "0.4 K", "0.3 K", "0.2 K", "0.1 K"] in cells

@@ -50,12 +50,12 @@ def test_records_say_which_initial_temperatures_a_channel_sees(tmp_path):
     written["simulator"]["nodes"]["inside"] = {"capacity": "500 J/K", "initial": "5 degC"}
     written["simulator"]["conductors"].append({"between": ["inside", "body"], "conductance": "0.2 W/K"})
     records = parameter_records(build_problem(*small.load(tmp_path, written)))
-    assert {own["name"]: own["observed"] for own in records if own["kind"] == "initial"} == {
+    assert {record["name"]: record["observed"] for record in records if record["kind"] == "initial"} == {
         "initial.body": True,
         "initial.panel": True,
         "initial.inside": False,
     }
-    assert all(own["observed"] for own in records if own["kind"] != "initial")
+    assert all(record["observed"] for record in records if record["kind"] != "initial")
 
 
 def test_a_folder_is_that_of_one_command(tmp_path):

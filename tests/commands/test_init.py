@@ -93,11 +93,11 @@ def test_files_of_one_parameter_each_become_channels_with_their_times_in_common(
     assert result.exit_code == 0, result.output
     scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
     channels = scenario.telemetry.channels
-    assert [(name, own.kind) for name, own in channels.items()] == [
+    assert [(name, channel.kind) for name, channel in channels.items()] == [
         (file.stem.lower(), "status" if file.name.startswith("HB") else "temperature") for file in files
     ]
-    assert {own.column for own in channels.values()} == {("ENG",)}
-    assert all(own.valid_where == {"VALIDITY": ("VALID",)} for own in scenario.telemetry.packets.values())
+    assert {channel.column for channel in channels.values()} == {("ENG",)}
+    assert all(packet.valid_where == {"VALIDITY": ("VALID",)} for packet in scenario.telemetry.packets.values())
     assert scenario.telemetry.average == 300.0
 
 
@@ -178,7 +178,7 @@ def test_a_log_of_activities_is_a_timeline_of_modes(tmp_path: Path):
     assert scenario.telemetry.files == ("../data.csv",)
     assert list(scenario.network.modes) == ["nominal", "radar", "down_link"]
     # Nothing goes on before the first, from where telemetry begins.
-    assert [(own.at.replace(tzinfo=None), own.mode) for own in scenario.network.timeline] == [
+    assert [(change.at.replace(tzinfo=None), change.mode) for change in scenario.network.timeline] == [
         (at.astype("datetime64[us]").item(), mode)
         for at, mode in zip(
             [seconds(0.0)[0], begun[0], ended[0], begun[1], ended[1]],
@@ -226,7 +226,7 @@ def test_where_samples_come_in_passes_windows_hold_many_of_them(tmp_path: Path):
     lint(tmp_path / "sat")
     windows = load_scenario(tmp_path / "sat" / "scenario.yaml").windows
     first = windows["train"].start
-    assert [(own - first).total_seconds() / 3600.0 for own in (windows["test"].start, windows["test"].end)] == [
+    assert [(moment - first).total_seconds() / 3600.0 for moment in (windows["test"].start, windows["test"].end)] == [
         24.0,
         pytest.approx(35.0 + 19 * 30.0 / 3600.0),
     ]
@@ -366,7 +366,7 @@ def test_the_bits_of_a_status_word_are_heaters_only_where_a_temperature_obeys_th
     assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
     lint(tmp_path / "sat")
     scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
-    assert {name: own.sensor for name, own in scenario.network.heaters.items()} == {"status_0": "battery_degc"}
+    assert {name: heater.sensor for name, heater in scenario.network.heaters.items()} == {"status_0": "battery_degc"}
     written = (tmp_path / "sat" / "scenario.yaml").read_text()
     assert "by no temperature a heater's: status_1, status_3." in written
 

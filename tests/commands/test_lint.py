@@ -183,7 +183,7 @@ def test_a_window_months_after_training_is_told_where_nothing_ages(
     tmp_path: Path, month: int, trend: float | None, told: bool
 ):
     written = small.content()
-    written["simulator"] = {key: own for key, own in written["simulator"].items() if key != "loads"}
+    written["simulator"] = {key: block for key, block in written["simulator"].items() if key != "loads"}
     written["telemetry"]["channels"].pop("sun")
     written["parameters"] = {"link": written["parameters"]["link"] | ({} if trend is None else {"trend": trend})}
     written["windows"]["test"] = {

@@ -76,7 +76,7 @@ def test_the_posterior_is_that_of_the_real_simulator(problem, learnt):
 @pytest.mark.slow
 def test_every_round_says_what_it_did(learnt):
     found, told, saved = learnt
-    assert [line.split("; rounds left")[0] for line in told.said[2:]] == [str(own) for own in found.rounds]
+    assert [line.split("; rounds left")[0] for line in told.said[2:]] == [str(iteration) for iteration in found.rounds]
     assert [done for done, _ in told.notes] == [a.runs for a in found.rounds]
     assert {a.runs for a in found.rounds} <= {len(runs) for runs in saved}
     assert np.diff([0, *(len(runs) for runs in saved)]).max() <= 8

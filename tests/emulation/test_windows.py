@@ -67,8 +67,8 @@ def test_every_theta_is_run_on_every_window_within_the_budget(problem, learnt):
     np.testing.assert_array_equal(dawn.theta[:, :3], noon.theta[:, :3])  # what the windows share
     assert (dawn.theta[:, 3:] != noon.theta[:, 3:]).all()
     np.testing.assert_array_equal(dawn.round, noon.round)
-    for window, own in zip(problem.windows, learnt.problem.windows, strict=True):
-        assert len(emulated(own).emulator.runs.times) == len(window.times)
+    for window, learnt_window in zip(problem.windows, learnt.problem.windows, strict=True):
+        assert len(emulated(learnt_window).emulator.runs.times) == len(window.times)
 
 
 @pytest.mark.slow

@@ -47,11 +47,11 @@ def test_of_the_panels_of_funcube_only_the_differences_drive_the_coupon():
 
 
 @pytest.mark.parametrize(
-    ("window", "own", "other"), [("train.june_21", "base_low", "base_full"), ("test", "base_full", "base_low")]
+    ("window", "idle_power", "other"), [("train.june_21", "base_low", "base_full"), ("test", "base_full", "base_low")]
 )
-def test_what_the_computer_of_bupt_takes_when_idle_is_that_of_its_mode(window: str, own: str, other: str):
+def test_what_the_computer_of_bupt_takes_when_idle_is_that_of_its_mode(window: str, idle_power: str, other: str):
     scenario = load_scenario(BUPT)
     problem = build_problem(scenario, read(scenario), window)
     as_written = simulated(problem)
     np.testing.assert_array_equal(simulated(problem, **{other: 1.5}), as_written)
-    assert (simulated(problem, **{own: 1.5}) - as_written)[-1, 0] < -5  # that heat is in the board instead
+    assert (simulated(problem, **{idle_power: 1.5}) - as_written)[-1, 0] < -5  # that heat is in the board instead

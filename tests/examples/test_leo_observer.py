@@ -63,27 +63,30 @@ def test_the_scenario_has_no_findings(name):
 
 
 def test_the_scenario_with_a_discrepancy_is_of_the_same_satellite():
-    plain, own = (load_scenario(FOLDER / name) for name in ("scenario.yaml", "with_discrepancy.yaml"))
-    assert (own.telemetry, own.environment) == (plain.telemetry, plain.environment)
-    exact = {name: heater.model_copy(update={"scatter": 0.0}) for name, heater in own.network.heaters.items()}
+    plain, discrepant = (load_scenario(FOLDER / name) for name in ("scenario.yaml", "with_discrepancy.yaml"))
+    assert (discrepant.telemetry, discrepant.environment) == (plain.telemetry, plain.environment)
+    exact = {name: heater.model_copy(update={"scatter": 0.0}) for name, heater in discrepant.network.heaters.items()}
     assert exact == plain.network.heaters
-    assert (own.network.modes, own.network.timeline) == (plain.network.modes, plain.network.timeline)
+    assert (discrepant.network.modes, discrepant.network.timeline) == (plain.network.modes, plain.network.timeline)
     capacities, areas = (
-        [sum(getattr(item, size) for item in getattr(model, kind).values()) for model in (own.network, plain.network)]
+        [
+            sum(getattr(item, size) for item in getattr(model, kind).values())
+            for model in (discrepant.network, plain.network)
+        ]
         for kind, size in (("nodes", "capacity"), ("faces", "area"))
     )
     assert capacities[0] == pytest.approx(capacities[1])
     assert areas[0] == pytest.approx(areas[1])
-    assert {name: own.parameters[name].prior for name in plain.parameters} == {
+    assert {name: discrepant.parameters[name].prior for name in plain.parameters} == {
         name: parameter.prior for name, parameter in plain.parameters.items()
     }
 
 
 def test_the_published_scenario_is_the_same_without_heat():
-    own, published = (load_scenario(FOLDER / name) for name in ("scenario.yaml", "published.yaml"))
-    assert (heat_of(own), heat_of(published)) == (Heat(), None)
-    same = {"name": own.name, "heat": own.heat}
-    assert published.model_copy(update=same) == own
+    default, published = (load_scenario(FOLDER / name) for name in ("scenario.yaml", "published.yaml"))
+    assert (heat_of(default), heat_of(published)) == (Heat(), None)
+    same = {"name": default.name, "heat": default.heat}
+    assert published.model_copy(update=same) == default
 
 
 def test_no_test_window_overlaps_another():

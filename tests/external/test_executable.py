@@ -298,13 +298,13 @@ def test_a_copy_that_lies_elsewhere_takes_its_files_from_the_first_scenarios_fol
     copy = tmp_path / "copies" / "scenario.yaml"
     copy.parent.mkdir()
     copy.write_text(resolved_yaml(scenario, absolute=True), encoding="utf-8")
-    (warning,) = (own for own in lint(copy) if "executable" in own.location)
+    (warning,) = (finding for finding in lint(copy) if "executable" in finding.location)
     assert (warning.warning, warning.location) == (True, "simulator.executable.folder")
     assert "which is meant for copies of a scenario alone" in warning.message
     assert load_scenario(copy).simulator.executable.files == (str(first / "program.py"),)
     (tmp_path / "outside.txt").write_text("secret")
     copy.write_text(copy.read_text().replace(str(first / "program.py"), str(tmp_path / "outside.txt")))
-    assert any("outside of the scenario's folder" in own.message and not own.warning for own in lint(copy))
+    assert any("outside of the scenario's folder" in finding.message and not finding.warning for finding in lint(copy))
 
 
 def test_executable_has_no_gradient_and_says_what_to_use(tmp_path):

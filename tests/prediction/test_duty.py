@@ -33,10 +33,10 @@ def test_an_orbit_that_ends_with_the_window_is_whole():
 def test_packets_with_time_stamps_of_their_own_leave_whole_orbits_whole(late):
     """Eight other packets in the minute between two of the heater's status, each with a time of its own."""
     rng = np.random.default_rng(3)
-    own = 60.0 * np.arange(30) + late * rng.random(30)
-    others = rng.uniform(own[0], 1790.0, 240)
-    seconds = np.sort(np.concatenate([own, others]))
-    observed = np.where(np.isin(seconds, own), 1.0, np.nan)[:, None]
+    status_times = 60.0 * np.arange(30) + late * rng.random(30)
+    others = rng.uniform(status_times[0], 1790.0, 240)
+    seconds = np.sort(np.concatenate([status_times, others]))
+    observed = np.where(np.isin(seconds, status_times), 1.0, np.nan)[:, None]
     errors = duty_errors(observed, np.full(observed.shape, 0.25), seconds, 600.0, 1800.0)
     np.testing.assert_allclose(errors, [[0.75]] * 3)
 
@@ -115,12 +115,12 @@ def test_a_new_windows_duty_is_off_as_in_training_where_residuals_have_a_model(t
     data["heater_status"].values[:] = told
     train = predict(build_problem(scenario, data), data, "train", {}, draws, seed=1)[0]
     test = predict(build_problem(scenario, data), data, "test", {}, draws, seed=1)[0]
-    own = build_window(scenario, data, "test").simulate(draws[0])
+    run = build_window(scenario, data, "test").simulate(draws[0])
     spread = np.quantile(train["duty_cycle"], [0.025, 0.975]) - simulated.mean()
     assert np.abs(spread).max() < 0.02  # status of the training window is known
     error = 1.0 - simulated[seconds // 2100 == 2].mean()
     assert error > 0.2
-    shift = test["duty_cycle"].values[:, 0] - own.duty_cycle[0]
+    shift = test["duty_cycle"].values[:, 0] - run.duty_cycle[0]
     # Four errors, of which one is not zero: mean e / 4, deviation e / 2; Student's t with three degrees of freedom.
     scale = error / 2 * np.sqrt(1 / 4 + 1 / 2)
     assert np.median(shift) == pytest.approx(error / 4, abs=5 * scale * 1.36 / np.sqrt(400))

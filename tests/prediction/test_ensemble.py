@@ -203,9 +203,9 @@ def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(
 def test_duty_is_a_share_of_the_problems_own_window(problem):
     scenario = problem.scenario
     for window in ("train", "test"):
-        own = scenario.windows[window]
-        other = replace(problem, name=window, start=np.datetime64(own.start))
-        assert other.duration == (own.end - own.start).total_seconds()
+        span = scenario.windows[window]
+        other = replace(problem, name=window, start=np.datetime64(span.start))
+        assert other.duration == (span.end - span.start).total_seconds()
 
 
 def test_telemetry_of_the_model_itself_is_anywhere_in_the_drawn_distribution(problem):

@@ -54,22 +54,22 @@ class Dense:
         train, window, model = errors.train, errors.window, errors.model
         times = np.concatenate([train.times, window.times])
         seconds = (times - train.times[0]) / np.timedelta64(1, "s")
-        own = np.arange(len(times)) >= len(train.times)
+        inside = np.arange(len(times)) >= len(train.times)
         apart = seconds[:, None] - seconds
         discrepancy = np.zeros_like(apart)
         if model.terms.discrepant[channel]:
             basis = np.concatenate([part.residuals.terms.shapes.basis for part in (train, window)])
             discrepancy = basis * model.prior_deviations(model.fixed[channel]) ** 2 @ basis.T
-        noise = np.where(own[:, None] == own, 0.2**2 * np.exp(-np.abs(apart) / 480.0), 0.0)
+        noise = np.where(inside[:, None] == inside, 0.2**2 * np.exp(-np.abs(apart) / 480.0), 0.0)
         white = 0.1
         if not model.terms.kinds[channel].has_memory:
             noise, white = np.zeros_like(noise), 0.2
         self.white = white
-        self.errors = (discrepancy + noise)[np.ix_(own, own)]
+        self.errors = (discrepancy + noise)[np.ix_(inside, inside)]
         seen = np.concatenate([np.isfinite(train.observed[:, channel]), np.isfinite(window.observed[:, channel])])
         seen[len(train.times) + first :] = False
         total = discrepancy + noise + white**2 * np.eye(len(times))
-        self.cross, self.seen = (discrepancy + noise)[np.ix_(own, seen)], total[np.ix_(seen, seen)]
+        self.cross, self.seen = (discrepancy + noise)[np.ix_(inside, seen)], total[np.ix_(seen, seen)]
         self.observed, self.kept = np.concatenate([train.observed, window.observed])[:, channel], seen
 
     def given(self, simulated):
@@ -158,14 +158,14 @@ def test_draws_of_different_thetas_are_together_what_they_are_alone(tmp_path):
     drawn, law = errors.draw(temperatures, rng), errors.only(np.arange(2 * count) < 2).at_first()
     for s in range(2):
         alone = window_errors(train, window, thetas[s::2], FIRST)
-        own, own_law = alone.draw(temperatures[s::2], rng), alone.only(np.arange(count) < 1).at_first()
+        separate, own_law = alone.draw(temperatures[s::2], rng), alone.only(np.arange(count) < 1).at_first()
         kept = errors.only(np.arange(2 * count) % 2 == s).draw(temperatures[s::2], rng)
         for together in (drawn.mean[s], drawn.mean[2 * (count - 1) + s], kept.mean[-1]):
-            np.testing.assert_allclose(together, own.mean[0], atol=1e-9)
+            np.testing.assert_allclose(together, separate.mean[0], atol=1e-9)
         np.testing.assert_allclose(law.mean[s], own_law.mean[0], atol=1e-9)
         np.testing.assert_allclose(law.factors[:, s], own_law.factors[:, 0], atol=1e-9)
         for part in ("discrepancy", "noise", "white"):
-            found, expected = getattr(drawn, part)[s::2], getattr(own, part)
+            found, expected = getattr(drawn, part)[s::2], getattr(separate, part)
             # Each of the two standard deviations is known to 1 / sqrt(2 count), and there are 121 of each.
             np.testing.assert_allclose(found.std(axis=0), expected.std(axis=0), rtol=5 / np.sqrt(count), atol=1e-9)
         # After the first samples noise is as correlated as its time says; of N samples that is known to this.
@@ -266,9 +266,9 @@ def test_noise_of_a_known_shape_is_told_by_the_first_samples_as_any_other(tmp_pa
     for kind in (Shaped, Apart):
         kinds = (kind(480.0, 0.5), kind(0.0, 1.0))
         of_train = errors.train.with_known_shape(kinds, {})
-        own = replace(errors, train=of_train, numbers=numbers, at_start=np.full((5, 2), 0.3))
-        assert set(own.alike) == (set() if kind is Apart else {0, 1})
-        law, drawn = own.at_first(), own.draw(temperatures, np.random.default_rng(3))
+        shaped = replace(errors, train=of_train, numbers=numbers, at_start=np.full((5, 2), 0.3))
+        assert set(shaped.alike) == (set() if kind is Apart else {0, 1})
+        law, drawn = shaped.at_first(), shaped.draw(temperatures, np.random.default_rng(3))
         found.append((law.factors, drawn.mean, drawn.noise, drawn.white))
     for one, other in zip(*found, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-10)
@@ -318,12 +318,12 @@ def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_b
     prediction, ensemble = predict(build_problem(scenario, data), data, "train", {}, draws, seed=1)
     assert prediction["discrepant"].values.tolist() == [False, True]
     assert prediction["noise"].values.tolist() == ["AR(1) noise", "AR(1) noise"]
-    own = prediction.sel(channel="panel_temp")
+    panel = prediction.sel(channel="panel_temp")
     of_errors = ensemble.mean[:, 1] - problem.windows[0].simulate(draws[0]).temperatures[:, 1]
     # The mean has the weights' expected value, the discrepancy is drawn: Monte Carlo error of 40 draws.
-    width = (own["discrepancy_upper"] - own["discrepancy_lower"]).values / 4
-    assert (np.abs(own["discrepancy_mean"].values - of_errors) < 5 * width / np.sqrt(40) + 1e-6).all()
-    assert (own["discrepancy_lower"] < own["discrepancy_upper"]).all()
+    width = (panel["discrepancy_upper"] - panel["discrepancy_lower"]).values / 4
+    assert (np.abs(panel["discrepancy_mean"].values - of_errors) < 5 * width / np.sqrt(40) + 1e-6).all()
+    assert (panel["discrepancy_lower"] < panel["discrepancy_upper"]).all()
     assert (prediction.sel(channel="body_temp")["discrepancy_mean"] == 0.0).all()
     missing = np.isnan(prediction["observed"])
     np.testing.assert_array_equal(np.isnan(prediction["innovation"]), missing)

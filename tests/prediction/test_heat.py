@@ -141,10 +141,10 @@ def test_a_plan_is_predicted_from_the_last_telemetry_on_and_holds(tmp_path_facto
     assert not np.isfinite(planned["observed"]).any()
     truth = flew.sel(time=planned["time"])
     for channel in ("body_temp", "panel_temp"):
-        own = planned.sel(channel=channel)
-        inside = (truth[channel] > own["lower"]) & (truth[channel] < own["upper"])
+        of_channel = planned.sel(channel=channel)
+        inside = (truth[channel] > of_channel["lower"]) & (truth[channel] < of_channel["upper"])
         assert float(inside.mean()) > 0.8, channel
-        assert float((own["upper"] - own["lower"]).mean()) < 6.0
+        assert float((of_channel["upper"] - of_channel["lower"]).mean()) < 6.0
         # What is flown has measurement noise, and the extremes have none.
         for end, extreme in (("lowest", truth[channel].min()), ("highest", truth[channel].max())):
             draws = ahead[end].sel(channel=channel)
@@ -191,7 +191,7 @@ def test_in_training_the_noise_is_judged_where_heaters_do_what_was_measured(case
     assert (deviation > 0.75 * NOISE).all()
     assert (deviation < 1.15 * NOISE).all()
     shifted = replace(drawn, fitted={"train": fitted + 1.0})
-    before, after = (predicted((data, problem, draws, own), "train")["innovation"] for own in (drawn, shifted))
+    before, after = (predicted((data, problem, draws, heat), "train")["innovation"] for heat in (drawn, shifted))
     assert (abs(after - before).mean() > 3.0 * NOISE).all()
 
 
@@ -312,9 +312,9 @@ def test_a_prediction_tells_how_far_above_its_thresholds_a_heater_switches(case)
     told, least = prediction["threshold_offset"], prediction["least_threshold_offset"]
     np.testing.assert_allclose(told.values[:, 0], offsets.mean(axis=0))
     assert told["direction"].values.tolist() == ["on", "off"]
-    for mean, bound, own in zip(told.values[:, 0], least.values[:, 0], offsets.T, strict=True):
+    for mean, bound, draws in zip(told.values[:, 0], least.values[:, 0], offsets.T, strict=True):
         assert abs(bound) < abs(mean)
-        assert bound == 0.0 or (np.sign(mean) * own >= abs(bound)).mean() == pytest.approx(0.95, abs=0.01)
+        assert bound == 0.0 or (np.sign(mean) * draws >= abs(bound)).mean() == pytest.approx(0.95, abs=0.01)
 
 
 def test_without_heaters_there_are_no_thresholds(tmp_path_factory):
@@ -333,7 +333,9 @@ def test_without_a_measured_status_thresholds_and_predictions_are_about_as_right
     for name in ("train", "test.next", "test.later"):
         found = predict(problem, data, name, {}, draws, seed=0, heat=drawn)[0].isel(by=-1)
         truth = data["heater_status"].sel(time=found["time"]).values
-        wrong, usual = (np.abs(own["status"].values[:, 0] - truth).mean() for own in (found, predicted(case, name)))
+        wrong, usual = (
+            np.abs(prediction["status"].values[:, 0] - truth).mean() for prediction in (found, predicted(case, name))
+        )
         # Thermostats of draws fall out of step, so some of that is usual.
         assert wrong < usual + 0.15, name
 

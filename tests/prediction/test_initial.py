@@ -216,17 +216,17 @@ def test_a_state_of_a_heater_at_which_simulations_fail_is_not_chosen(tmp_path):
     window = build_window(scenario, data, "test", span=600.0)
 
     class FailsWhereOn:
-        def __init__(self, own, on=0.0):
-            self.own, self.on = own, on
+        def __init__(self, wrapped, on=0.0):
+            self.wrapped, self.on = wrapped, on
 
         def __getattr__(self, name):
-            return getattr(self.own, name)
+            return getattr(self.wrapped, name)
 
         def begun(self, on):
-            return FailsWhereOn(self.own.begun(on), on[0])
+            return FailsWhereOn(self.wrapped.begun(on), on[0])
 
         def simulate_many(self, thetas, heat=None):
-            return [None] * len(thetas) if self.on else self.own.simulate_many(thetas, heat)
+            return [None] * len(thetas) if self.on else self.wrapped.simulate_many(thetas, heat)
 
     thetas, noise = np.tile(small.median(window), (20, 1)), WhiteErrors(np.full((20, 2), 0.3))
     rng = np.random.default_rng(0)

@@ -14,9 +14,9 @@ TIMES = np.cumsum(np.random.default_rng(0).choice([30.0, 60.0, 400.0], 300))
 
 def of(kind, residual, **numbers):
     named = {"standard_deviation": "deviation", "correlation_time": "time", "quantisation": "step"}
-    own = np.array([[numbers.get(named.get(name, name), 0.0) for name in kind.names]])
+    values = np.array([[numbers.get(named.get(name, name), 0.0) for name in kind.names]])
     model = SimpleNamespace(terms=SimpleNamespace(kinds=(kind,)))
-    return innovations(model, residual[:, None], TIMES, own, np.random.default_rng(1))[:, 0]
+    return innovations(model, residual[:, None], TIMES, values, np.random.default_rng(1))[:, 0]
 
 
 @pytest.mark.parametrize(("kind", "white"), [(CORRELATED, 0.0), (CORRELATED, 0.3), (CORRELATED_STUDENT, 0.0)])

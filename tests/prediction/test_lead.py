@@ -31,11 +31,11 @@ def planned(drawn, flew, last):
 
 def off_at_first(prediction, flew):
     """How far the first mean is off, and the first interval's width, K, of each channel."""
-    own, truth = prediction.isel(time=0), flew.sel(time=prediction["time"][0])
+    first, truth = prediction.isel(time=0), flew.sel(time=prediction["time"][0])
     return [
         (
-            abs(float(own["mean"].sel(channel=name) - truth[name])),
-            float((own["upper"] - own["lower"]).sel(channel=name)),
+            abs(float(first["mean"].sel(channel=name) - truth[name])),
+            float((first["upper"] - first["lower"]).sel(channel=name)),
         )
         for name in CHANNELS
     ]

@@ -29,7 +29,7 @@ def window(lowest=(279.0, 281.0, 281.5, 283.0), observed=np.nan):
 
 
 def told(prediction):
-    return {(own.channel, own.end): own for own in extremes(prediction, "plan")}
+    return {(extreme.channel, extreme.end): extreme for extreme in extremes(prediction, "plan")}
 
 
 def test_the_chance_is_the_share_of_draws_that_go_beyond_the_limit():
@@ -56,7 +56,9 @@ def test_a_chance_is_told_as_finely_as_the_draws_tell_it(lowest, words):
 
 
 def test_only_a_plan_has_chances_among_its_scores():
-    assert [(own.channel, own.metric, own.value) for own in limit_scores(with_limits(window(), LIMITS), "plan")] == [
+    assert [
+        (score.channel, score.metric, score.value) for score in limit_scores(with_limits(window(), LIMITS), "plan")
+    ] == [
         ("tank", "below_limit", 0.25),
         ("radio", "above_limit", 0.0),
     ]
@@ -70,7 +72,7 @@ def test_the_likeliest_to_pass_its_limit_is_told_first(tmp_path):
     measured = with_limits(window(observed=285.0), LIMITS)
     file = tmp_path / "prediction.nc"
     xr.DataTree.from_dict({"test.one": one, "test.other": other, "test.past": measured}).to_netcdf(file)
-    found = [(own.window, own.channel, own.chance) for own in read_limits_told(file)]
+    found = [(extreme.window, extreme.channel, extreme.chance) for extreme in read_limits_told(file)]
     assert found[0] == ("test.other", "tank", 0.5)
-    assert {own[0] for own in found} == {"test.one", "test.other"}
+    assert {row[0] for row in found} == {"test.one", "test.other"}
     assert len(found) == 4

@@ -178,8 +178,8 @@ def test_scores_of_distributions_take_each_samples_own_deviation(prediction):
     prediction["standard_deviation"][-1] *= np.array([[1.0, 1.0], [2.0, 0.5], [0.3, 1.7], [1.1, 1.0]])
     prediction["upper"][-1, 3, 1] += 5.0  # where there is no telemetry
     found = values(score(prediction, "test"), method="stochastic", channel="all")
-    own = prediction.sel({"by": "stochastic"}).isel(time=slice(1, None))
-    given = [own[name].values for name in ("observed", "mean", "standard_deviation")]
+    stochastic = prediction.sel({"by": "stochastic"}).isel(time=slice(1, None))
+    given = [stochastic[name].values for name in ("observed", "mean", "standard_deviation")]
     assert found["log_score"] == pytest.approx(np.nanmean(norm(*given[1:]).logpdf(given[0])))
     assert found["mpiw"] == pytest.approx(3.0)
 

@@ -28,10 +28,10 @@ def case(tmp_path_factory):
 
 
 def predicted(case, window, data=None):
-    scenario, own, points, draws = case
+    scenario, telemetry, points, draws = case
     return predict(
-        build_problem(scenario, own if data is None else data),
-        own if data is None else data,
+        build_problem(scenario, telemetry if data is None else data),
+        telemetry if data is None else data,
         window,
         points,
         draws,
@@ -68,7 +68,7 @@ def test_a_node_without_a_channel_starts_where_training_had_it_and_not_where_tra
     theta = np.array([values[name] for name in problem.names])
     found = build_window(scenario, data, "test", span=600.0)
     usual = around_usual(found, problem, np.stack([theta - 1e-6, theta + 1e-6]))
-    written_start, start = (own.reads["initial.panel"] for own in (found, usual))
+    written_start, start = (window.reads["initial.panel"] for window in (found, usual))
     assert (written_start.mean, written_start.standard_deviation) == (333.15, 5.0)
     assert 250.0 < start.mean < 285.0
     assert 5.0 <= start.standard_deviation < 20.0
@@ -179,9 +179,9 @@ def test_the_same_seed_gives_the_same_prediction(case):
 def test_another_seed_draws_other_noise(case):
     scenario, data, points, draws = case
     other, _ = predict(build_problem(scenario, data), data, "test", points, draws, seed=2)
-    lower, own = (result["lower"].sel({"by": STOCHASTIC}).values for result in (other, predicted(case, "test")))
+    lower, usual = (result["lower"].sel({"by": STOCHASTIC}).values for result in (other, predicted(case, "test")))
     assert np.isfinite(lower).all()
-    assert not np.array_equal(lower, own)
+    assert not np.array_equal(lower, usual)
 
 
 def test_another_window_draws_other_noise(tmp_path):
@@ -192,8 +192,8 @@ def test_another_window_draws_other_noise(tmp_path):
     draws = np.tile(build_problem(scenario, data).priors.median(), (5, 1))
     noise = []
     for window in ("train.first", "train.again"):
-        own = predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].sel({"by": STOCHASTIC})
-        noise.append((own["lower"] - own["mean"]).values)
+        prediction = predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].sel({"by": STOCHASTIC})
+        noise.append((prediction["lower"] - prediction["mean"]).values)
     assert noise[0].shape == noise[1].shape
     assert not np.allclose(*noise)
 
@@ -295,10 +295,10 @@ def test_each_points_run_and_the_ensemble_stand_in_their_own_rows(case):
         for name, values in zip(by_method, expected, strict=True):
             np.testing.assert_allclose(row[name], values, rtol=1e-9, err_msg=name)
         assert np.isnan(row["upper"]).all()
-    own = result.sel({"by": STOCHASTIC})
+    stochastic = result.sel({"by": STOCHASTIC})
     by_sample = ("model_lower", "model_upper", "crps", "probability_below")
     for name in ("mean", "lower", "upper", "standard_deviation", "status", *by_sample):
-        np.testing.assert_array_equal(own[name], getattr(ensemble, name), err_msg=name)
+        np.testing.assert_array_equal(stochastic[name], getattr(ensemble, name), err_msg=name)
 
 
 def test_phases_of_all_windows_count_from_the_training_windows_start(case):
@@ -310,15 +310,15 @@ def test_phases_of_all_windows_count_from_the_training_windows_start(case):
 def test_measured_duty_and_switches_are_those_of_the_valid_samples(case):
     scenario, data, _, draws = case
     other = data.copy(deep=True)
-    own = other["heater_status"].values[210:390]
-    own[:] = 0.3
-    own[[20, 60, 61]] = 0.7
-    own[[40, 59, 90, 91]] = np.nan
+    status = other["heater_status"].values[210:390]
+    status[:] = 0.3
+    status[[20, 60, 61]] = 0.7
+    status[[40, 59, 90, 91]] = np.nan
     with np.errstate(invalid="raise"):
         result, _ = predict(build_problem(scenario, other), other, "test", {}, draws[:3], seed=1)
         assert result["observed_duty_cycle"].values == pytest.approx([(173 * 0.3 + 3 * 0.7) / 176])
         assert result["observed_switch_count"].values == [4]
-        own[:] = np.nan
+        status[:] = np.nan
         result, _ = predict(build_problem(scenario, other), other, "test", {}, draws[:3], seed=1)
     assert np.isnan(result["observed_duty_cycle"]).all()
     assert np.isnan(result["observed_switch_count"]).all()

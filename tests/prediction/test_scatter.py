@@ -58,11 +58,11 @@ def test_a_simulator_with_an_error_scatters_as_its_network_does(case):
     error = {"error_basis": np.zeros((*window.observed.shape, 1)), "error_variance": np.array([0.04])}
     inexact = replace(window.simulator, **error)
     runs, expected = (
-        own.simulate_as_flown(thetas_of(problem, 4), np.random.default_rng(1))
-        for own in (replace(window, simulator=inexact), window)
+        version.simulate_as_flown(thetas_of(problem, 4), np.random.default_rng(1))
+        for version in (replace(window, simulator=inexact), window)
     )
-    for run, own in zip(runs, expected, strict=True):
-        np.testing.assert_array_equal(run.switches.time, own.switches.time)
+    for run, exact in zip(runs, expected, strict=True):
+        np.testing.assert_array_equal(run.switches.time, exact.switches.time)
         assert run.error_variance == 0.04
 
 

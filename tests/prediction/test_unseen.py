@@ -33,7 +33,7 @@ def windows_of(folder, content, change=lambda data: None):
 
 
 def shares(found):
-    return {own.name: own.share for own in found}
+    return {condition.name: condition.share for condition in found}
 
 
 def test_a_mode_that_training_lacked_has_its_share_of_the_windows_time(tmp_path):
@@ -109,7 +109,12 @@ def test_temperatures_two_kelvin_beyond_the_trained_telemetry_are_unseen(tmp_pat
 def test_what_shares_time_is_counted_once_in_all(tmp_path):
     train, test = windows_of(tmp_path, written())
     found = unseen([train], test, np.full(test.observed.shape, 400.0))
-    assert [own.name for own in found] == [ANY, "temperature of body_temp", "temperature of panel_temp", "mode imaging"]
+    assert [condition.name for condition in found] == [
+        ANY,
+        "temperature of body_temp",
+        "temperature of panel_temp",
+        "mode imaging",
+    ]
     assert found[0].share == pytest.approx(1.0)
 
 
@@ -163,6 +168,6 @@ def test_a_face_that_the_sun_grazes_is_new_where_it_has_much_more_sunlight(tmp_p
     dark[:, :, columns.index("solar.outside")] = 0.0
     grazed[:, :, columns.index("solar.outside")] = more
     drives = [replace(drive, inputs=inputs) for inputs in (dark, grazed)]
-    windows = [replace(train, simulator=replace(train.network, drive=own)) for own in drives]
+    windows = [replace(train, simulator=replace(train.network, drive=altered)) for altered in drives]
     found = shares(unseen(windows[:1], windows[1]))
     assert ("sunlight on outside" in found) == told

@@ -56,10 +56,10 @@ class Case:
         self.observed[[0, 5, 6, 7, 30], 0] = np.nan
         self.observed[[59, 12], 1] = np.nan
         self.simulated = 0.3 * rng.normal(size=(SAMPLES, 2))
-        own = np.zeros((2, 3))
+        noise = np.zeros((2, 3))
         for k, kind in enumerate(kinds):
-            own[k, : len(kind.names)] = [NOISE[name][k] for name in kind.names]
-        self.numbers = np.concatenate([own, DISCREPANCY], axis=1)
+            noise[k, : len(kind.names)] = [NOISE[name][k] for name in kind.names]
+        self.numbers = np.concatenate([noise, DISCREPANCY], axis=1)
         self.smoothness = smoothness
         self.basis = discrepancy.in_phase(self.seconds / 5400.0, HARMONICS)
         valid = np.isfinite(self.observed).T.copy()

@@ -187,8 +187,8 @@ def test_with_a_surrogates_error_it_is_the_dense_normal_of_all_channels(surrogat
     covariance = np.zeros((valid.sum(), valid.sum()))
     place = np.cumsum(valid.ravel()).reshape(valid.shape) - 1
     for k in range(2):
-        own = place[valid[:, k], k]
-        covariance[np.ix_(own, own)] = case.covariance(k)
+        rows = place[valid[:, k], k]
+        covariance[np.ix_(rows, rows)] = case.covariance(k)
     basis = case.residuals.shapes.errors[valid]
     covariance += basis * variance @ basis.T
     expected = stats.multivariate_normal.logpdf((case.observed - case.simulated)[valid], cov=covariance)

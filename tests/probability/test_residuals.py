@@ -140,8 +140,8 @@ def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_cova
             covariance = deviation**2 * np.eye(len(seconds))
         if model.terms.discrepant[k]:
             covariance += basis * model.prior_deviations(numbers[k]) ** 2 @ basis.T
-        own = jacobian[valid, k]
-        expected += own.T @ np.linalg.solve(covariance, own)
+        derivatives = jacobian[valid, k]
+        expected += derivatives.T @ np.linalg.solve(covariance, derivatives)
     kept = np.ix_(problem.windows[0].simulated, problem.windows[0].simulated)
     found = problem.gauss_newton_hessian(z)
     np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-8, atol=1e-10 * np.abs(expected).max())
@@ -226,10 +226,10 @@ def test_the_curvature_is_minus_the_second_derivative_by_the_numbers_logarithms(
                 for a in (1.0, -1.0)
                 for b in (1.0, -1.0)
             ]
-            own = found[one.channel]
-            scale = np.sqrt(abs(own[one.column, one.column] * own[other.column, other.column])) + 1.0
+            curvature = found[one.channel]
+            scale = np.sqrt(abs(curvature[one.column, one.column] * curvature[other.column, other.column])) + 1.0
             expected = -sum(corners) / (4.0 * size**2)
-            assert own[one.column, other.column] == pytest.approx(expected, abs=1e-3 * scale), (one, other)
+            assert curvature[one.column, other.column] == pytest.approx(expected, abs=1e-3 * scale), (one, other)
 
 
 def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
@@ -311,10 +311,10 @@ def test_where_noise_and_discrepancy_start_is_a_mode_of_them(tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS["phase by channel"]))
     z = near_truth(problem)
     started = fit_residuals(problem, z)
-    own = np.unique(problem.places[2])
-    others = np.setdiff1d(np.arange(len(z)), own)
+    places = np.unique(problem.places[2])
+    others = np.setdiff1d(np.arange(len(z)), places)
     np.testing.assert_array_equal(started[others], z[others])
-    assert np.abs(problem.log_density_and_gradient(started)[1][own]).max() < 0.05
+    assert np.abs(problem.log_density_and_gradient(started)[1][places]).max() < 0.05
     assert problem.log_density(started) > problem.log_density(z)
 
 

@@ -86,9 +86,9 @@ class Windows:
 
     def covariance_of_all(self):
         """Of all windows' valid residuals, of the one channel and then of the other."""
-        bases = [own.shapes.errors for own in self.residuals]
+        bases = [terms.shapes.errors for terms in self.residuals]
         rows = [
-            block_diag(*(basis[own.valid[k], k] for basis, own in zip(bases, self.residuals, strict=True)))
+            block_diag(*(basis[terms.valid[k], k] for basis, terms in zip(bases, self.residuals, strict=True)))
             for k in range(2)
         ]
         errors = np.concatenate(rows)
@@ -138,9 +138,9 @@ def test_derivatives_by_the_errors_variances_are_those_of_differences(windows):
 
 def test_derivatives_by_the_simulated_are_those_of_differences(windows):
     windows.run()
-    for memory, own in zip(windows.memories, windows.residuals, strict=True):
+    for memory, terms in zip(windows.memories, windows.residuals, strict=True):
         derivative = memory.simulated_bar.copy()
-        assert (derivative[~own.valid.T] == 0.0).all()
+        assert (derivative[~terms.valid.T] == 0.0).all()
         for index in list(np.ndindex(derivative.shape))[::5]:
             expected = slope(windows, memory.simulated, index)
             assert derivative[index] == pytest.approx(expected, rel=1e-6, abs=1e-6), index

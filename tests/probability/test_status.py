@@ -217,8 +217,8 @@ def test_each_heaters_switches_are_known_from_its_own_channels():
     moves = np.where(switches.on > 0.5, 1.0, -1.0) / (1000.0 * 0.05)
     expected = np.diag([0.0, 1.0, 1.0, 1.0, 0.0] / variance)
     for heater in range(2):
-        own = np.where(switches.heater == heater, moves, 0.0)
-        expected += np.outer(own, own)
+        row = np.where(switches.heater == heater, moves, 0.0)
+        expected += np.outer(row, row)
     np.testing.assert_allclose(rows.T @ rows, expected, rtol=1e-12)
     first, second = (2.0 * tau**2 / (tau**2 + 100.0**2 / 12.0) ** 2 for tau in (10.0, 20.0))
     np.testing.assert_allclose(precision, [first, 9 / 0.09, 2.0 * second, 9 / 0.16, 0.0], rtol=1e-12)

@@ -100,12 +100,12 @@ class Windows:
         """Covariance [., .] of the noise of all, with numbers [N, n]."""
         of_parts = []
         for w, k in self.parts():
-            own = self.residuals[w]
-            of_parts.append(noise_covariance(own.kinds[k], numbers[k], own.seconds[own.valid[k]]))
+            terms = self.residuals[w]
+            of_parts.append(noise_covariance(terms.kinds[k], numbers[k], terms.seconds[terms.valid[k]]))
         return block_diag(*of_parts)
 
     def response(self):
-        return self.stacked([own.heat.response for own in self.residuals])
+        return self.stacked([terms.heat.response for terms in self.residuals])
 
     def dense(self, numbers, roots):
         """The log likelihood."""
@@ -132,8 +132,8 @@ class Rows:
         self.numbers = np.zeros((2, 3))
         self.numbers[:, 0] = DEVIATIONS
         self.scales = np.concatenate([SCALES, ENTRIES[: 0 if self.follows is None else None]])
-        heats = [replace(own.heat, sizes=self.sizes, follows=self.follows) for own in self.windows.residuals]
-        residuals = [replace(own, heat=heat) for own, heat in zip(self.windows.residuals, heats, strict=True)]
+        heats = [replace(terms.heat, sizes=self.sizes, follows=self.follows) for terms in self.windows.residuals]
+        residuals = [replace(terms, heat=heat) for terms, heat in zip(self.windows.residuals, heats, strict=True)]
         self.memories = [
             window_memory(observed, simulated.copy(), self.numbers, None, self.scales)
             for observed, simulated in zip(self.windows.observed, self.windows.simulated, strict=True)
@@ -174,30 +174,30 @@ def known(windows):
 
 
 def test_what_the_filter_whitens_is_white(windows):
-    for own in windows.residuals:
-        whitens = filter_of(own)
-        for k, kind in enumerate(own.kinds):
-            valid = own.valid[k]
+    for terms in windows.residuals:
+        whitens = filter_of(terms)
+        for k, kind in enumerate(terms.kinds):
+            valid = terms.valid[k]
             unit = np.tile(np.diag(valid.astype(float)), (2, 1, 1))
-            white = whitens.whiten(unit, own.valid)[k]
+            white = whitens.whiten(unit, terms.valid)[k]
             assert not white[~valid].any()
             lower = white[np.ix_(valid, valid)]
-            covariance = noise_covariance(kind, np.ones(1), own.seconds[valid])
+            covariance = noise_covariance(kind, np.ones(1), terms.seconds[valid])
             np.testing.assert_allclose(lower @ covariance @ lower.T, np.eye(valid.sum()), atol=1e-10)
             assert whitens.determinant[k] == pytest.approx(np.linalg.slogdet(covariance)[1], abs=1e-9)
 
 
 def test_what_stands_where_there_is_no_sample_is_of_no_matter(windows):
-    own = windows.residuals[0]
-    columns = np.random.default_rng(0).normal(size=(*own.valid.shape, 3))
-    other = np.where(own.valid[..., None], columns, 1e9)
-    whitens = filter_of(own)
-    np.testing.assert_array_equal(whitens.whiten(columns, own.valid), whitens.whiten(other, own.valid))
+    terms = windows.residuals[0]
+    columns = np.random.default_rng(0).normal(size=(*terms.valid.shape, 3))
+    other = np.where(terms.valid[..., None], columns, 1e9)
+    whitens = filter_of(terms)
+    np.testing.assert_array_equal(whitens.whiten(columns, terms.valid), whitens.whiten(other, terms.valid))
 
 
 def test_a_channel_without_samples_tells_nothing(windows):
-    own = replace(windows.residuals[0], valid=np.zeros_like(windows.residuals[0].valid))
-    found = weigh([own])
+    terms = replace(windows.residuals[0], valid=np.zeros_like(windows.residuals[0].valid))
+    found = weigh([terms])
     assert not found.samples.any()
     assert not found.determinant.any()
     assert not found.products.any()
@@ -258,16 +258,16 @@ def test_derivatives_where_the_response_follows_are_those_of_differences(windows
     found = Rows(windows, follows=FOLLOWS)
     found.run()
     memory = found.memories[0]
-    of_scales, of_numbers = memory.scales_bar.copy(), [own.numbers_bar.copy() for own in found.memories]
-    simulated = [own.simulated_bar.copy() for own in found.memories]
+    of_scales, of_numbers = memory.scales_bar.copy(), [part.numbers_bar.copy() for part in found.memories]
+    simulated = [part.simulated_bar.copy() for part in found.memories]
     for k in (0, 1, *range(len(SCALES), len(found.scales))):
         assert of_scales[k] == pytest.approx(found.slope(found.scales, k), rel=1e-5, abs=1e-5)
     for k in range(2):
-        total = sum(own[k, 0] for own in of_numbers)
+        total = sum(bars[k, 0] for bars in of_numbers)
         assert total == pytest.approx(found.slope(found.numbers, (k, 0)), rel=1e-5, abs=1e-5)
-    for own, bar in zip(found.memories, simulated, strict=True):
+    for of_window, bar in zip(found.memories, simulated, strict=True):
         for place in [(2, 0), (20, 1)]:
-            assert bar[place] == pytest.approx(found.slope(own.simulated, place), rel=1e-5, abs=1e-5)
+            assert bar[place] == pytest.approx(found.slope(of_window.simulated, place), rel=1e-5, abs=1e-5)
 
 
 @pytest.mark.parametrize("sizes", [None, Sizes(DEVIATIONS, SCALES[GROUP])], ids=["inferred", "known"])
@@ -275,8 +275,8 @@ def test_derivatives_by_the_simulated_are_those_of_differences(windows, sizes):
     found = Rows(windows, sizes)
     found.run()
     bars = [memory.simulated_bar.copy() for memory in found.memories]
-    for memory, bar, own in zip(found.memories, bars, found.windows.residuals, strict=True):
-        assert (bar[~own.valid.T] == 0.0).all()
+    for memory, bar, terms in zip(found.memories, bars, found.windows.residuals, strict=True):
+        assert (bar[~terms.valid.T] == 0.0).all()
         for place in list(np.ndindex(bar.shape))[::5]:
             assert bar[place] == pytest.approx(found.slope(memory.simulated, place), rel=1e-6, abs=1e-6), place
 
@@ -313,8 +313,8 @@ def test_a_second_run_gives_the_same(rows, known):
 
 
 def test_where_heat_can_do_nothing_the_prior_of_its_scale_stays(windows):
-    for own in windows.residuals:
-        own.heat.response[..., GROUP == 1] = 0.0
+    for terms in windows.residuals:
+        terms.heat.response[..., GROUP == 1] = 0.0
     rows = Rows(windows)
     rows.run()
     assert rows.memories[0].scales_bar[1] == pytest.approx(0.0, abs=1e-9)
@@ -326,7 +326,7 @@ def test_where_heat_can_do_nothing_the_prior_of_its_scale_stays(windows):
 def draws_of(windows, count):
     """Residuals [S, T, N] of each window, deviations [S, P] and roots [S, m], which differ from draw to draw."""
     rng = np.random.default_rng(7)
-    left = [rng.normal(size=(count, *own.shape)) for own in windows.observed]
+    left = [rng.normal(size=(count, *observed.shape)) for observed in windows.observed]
     deviations = np.tile(DEVIATIONS * rng.uniform(0.5, 2.0, (count, 2)), 2)
     return left, deviations, SCALES[GROUP] * rng.uniform(0.5, 2.0, (count, 1))
 
@@ -338,8 +338,8 @@ def test_expected_weights_are_those_of_the_dense_conditional_normal(windows):
     assert sorted(np.concatenate([which for which, _ in gains.factors])) == [0, 1, 2, 3]
     for which, factor in gains.factors:
         (s,) = which
-        own = windows.stacked([of_window[s] for of_window in left])
-        mean, covariance = windows.posterior(own, deviations[s, :2, None], roots[s])
+        residual = windows.stacked([of_window[s] for of_window in left])
+        mean, covariance = windows.posterior(residual, deviations[s, :2, None], roots[s])
         np.testing.assert_allclose(found[s], mean, atol=1e-9)
         np.testing.assert_allclose(factor @ factor.T, covariance, atol=1e-9)
 
@@ -350,16 +350,18 @@ def test_draws_of_the_same_sizes_share_a_factor(windows):
     gains = Gains(windows.residuals, weigh(windows.residuals), deviations[which], roots[which])
     alone = Gains(windows.residuals, weigh(windows.residuals), deviations[:3], roots[:3])
     assert len(gains.factors) == 3
-    np.testing.assert_allclose(gains(left)[3], alone([own[[5, 5, 3]] for own in left])[2], atol=1e-12)
+    np.testing.assert_allclose(gains(left)[3], alone([residual[[5, 5, 3]] for residual in left])[2], atol=1e-12)
 
 
 def test_draws_of_weights_have_the_conditional_mean_and_covariance(windows):
     count = 20_000
     rng = np.random.default_rng(1)
-    left = [np.tile(rng.normal(size=own.shape), (count, 1, 1)) for own in windows.observed]
+    left = [np.tile(rng.normal(size=observed.shape), (count, 1, 1)) for observed in windows.observed]
     deviations, roots = np.tile(DEVIATIONS, (count, 2)), np.tile(SCALES[GROUP], (count, 1))
     drawn = Gains(windows.residuals, weigh(windows.residuals), deviations, roots).draw(left, rng)
-    mean, covariance = windows.posterior(windows.stacked([own[0] for own in left]), DEVIATIONS[:, None], roots[0])
+    mean, covariance = windows.posterior(
+        windows.stacked([residual[0] for residual in left]), DEVIATIONS[:, None], roots[0]
+    )
     # In independent coordinates means are N(0, 1 / count), variances N(1, 2 / count), the others N(0, 1 / count).
     standard = np.linalg.solve(np.linalg.cholesky(covariance), (drawn - mean).T)
     limit = 4.5 / np.sqrt(count)
@@ -380,8 +382,8 @@ class Evident:
 
     def __post_init__(self):
         self.windows = Windows((CORRELATED, INDEPENDENT))
-        columns = [own.heat.response for own in self.windows.residuals]
-        bare = [replace(own, heat=None) for own in self.windows.residuals]
+        columns = [terms.heat.response for terms in self.windows.residuals]
+        bare = [replace(terms, heat=None) for terms in self.windows.residuals]
         self.evidence = Evidence(bare, columns, NUMBERS.shape[1])
         self.left = [
             np.where(np.isfinite(o), o - s, 0.0)
@@ -430,8 +432,8 @@ def test_the_evidence_is_the_likelihood_where_the_noises_shape_is_the_same(windo
     numbers = np.zeros((2, 3))
     for k, kind in enumerate(windows.kinds):
         numbers[k] = DEVIATIONS[k], kind.white_share * DEVIATIONS[k], kind.time
-    bare = [replace(own, heat=None, kinds=kinds) for own in windows.residuals]
-    evidence = Evidence(bare, [own.heat.response for own in windows.residuals], 3)
+    bare = [replace(terms, heat=None, kinds=kinds) for terms in windows.residuals]
+    evidence = Evidence(bare, [terms.heat.response for terms in windows.residuals], 3)
     left = [np.nan_to_num(o - s) for o, s in zip(windows.observed, windows.simulated, strict=True)]
     value, _, roots_bar = evidence(left, numbers, SCALES[GROUP])
     assert value == pytest.approx(rows.run(), rel=1e-9)
@@ -444,15 +446,15 @@ def test_the_evidence_is_the_likelihood_where_the_noises_shape_is_the_same(windo
 @pytest.mark.parametrize("shaped", [Shaped(500.0, 0.4), Shaped(500.0, 0.0)])
 def test_noise_of_known_shape_is_the_correlated_noise_of_that_shape(shaped):
     deviation, seconds = 0.3, np.cumsum(np.random.default_rng(0).uniform(10.0, 400.0, 50))
-    own, full = np.array([deviation]), np.array([deviation, shaped.white_share * deviation, shaped.time])
+    single, full = np.array([deviation]), np.array([deviation, shaped.white_share * deviation, shaped.time])
     apart = np.linspace(-2000.0, 2000.0, 9)
-    np.testing.assert_allclose(shaped.covariance(own, apart), CORRELATED.covariance(full, apart), rtol=1e-12)
-    assert shaped.white_variance(own) == pytest.approx(CORRELATED.white_variance(full), rel=1e-12)
-    assert shaped.deviation(own) == pytest.approx(CORRELATED.deviation(full), rel=1e-12)
+    np.testing.assert_allclose(shaped.covariance(single, apart), CORRELATED.covariance(full, apart), rtol=1e-12)
+    assert shaped.white_variance(single) == pytest.approx(CORRELATED.white_variance(full), rel=1e-12)
+    assert shaped.deviation(single) == pytest.approx(CORRELATED.deviation(full), rel=1e-12)
     residual = np.random.default_rng(1).normal(size=50)
     found, expected = (
         kind.innovations(residual, seconds, numbers, np.random.default_rng(0))
-        for kind, numbers in ((shaped, own), (CORRELATED, full))
+        for kind, numbers in ((shaped, single), (CORRELATED, full))
     )
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 

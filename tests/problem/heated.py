@@ -43,7 +43,9 @@ def model_of(problem):
 def looked_at(model, windows):
     """A model of which some directions of each group are kept, and heat at the centre."""
     rng = np.random.default_rng(0)
-    counts = np.max([[len(own.node) for own in unit_heats(model, window)] for window in windows], axis=0)
+    counts = np.max(
+        [[len(group_units.node) for group_units in unit_heats(model, window)] for window in windows], axis=0
+    )
     kept = []
     for count in counts:
         directions = np.linalg.qr(rng.normal(size=(count, count)))[0]
@@ -68,8 +70,8 @@ def with_some_heat(problem):
     model, theta = model_of(problem), middle(problem)
     windows = sampled_windows(problem)
     found = [held_by(window, problem.at(window, theta[None])[0]) for window in windows]
-    model = replace(model, held=tuple(own for own in found if own is not None))
-    windows = [window if own is None else hold(window, own) for window, own in zip(windows, found, strict=True)]
+    model = replace(model, held=tuple(held for held in found if held is not None))
+    windows = [window if held is None else hold(window, held) for window, held in zip(windows, found, strict=True)]
     return problem, with_heat(problem, looked_at(model, windows), theta)
 
 
@@ -87,4 +89,4 @@ def in_place_of_another(problem):
 
 
 def by_group(model, units, part):
-    return [own for group, own in zip(model.groups, units, strict=True) if group.part == part]
+    return [group_units for group, group_units in zip(model.groups, units, strict=True) if group.part == part]

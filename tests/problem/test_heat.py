@@ -91,7 +91,7 @@ def test_its_windows_are_simulated_with_the_heat_at_the_centre(both):
     problem, heated = both
     model = heated.heat
     for window, bare in zip(heated.windows, sampled_windows(problem), strict=True):
-        bare = next((hold(bare, own) for own in model.held if own.window == bare.name), bare)
+        bare = next((hold(bare, held) for held in model.held if held.window == bare.name), bare)
         heat = heat_of_weights(model, unit_heats(model, bare), split(model, model.centre))
         theta = heated.at(window, heated.priors.median()[None])[0]
         expected = bare.network.with_heat(heat).simulate(theta[window.simulated])
@@ -108,15 +108,15 @@ def test_the_log_density_is_the_priors_and_the_dense_normal_of_all_windows(heate
 
 
 def test_at_known_sizes_the_log_density_is_the_same_but_for_the_sizes_priors(heated, at_centre, known, at_known):
-    own = [heated.names.index(name) for name in known.names]
-    for step in 0.1 * np.random.default_rng(0).standard_normal((3, len(own))):
+    places = [heated.names.index(name) for name in known.names]
+    for step in 0.1 * np.random.default_rng(0).standard_normal((3, len(places))):
         z = at_centre.copy()
-        z[own] += step
+        z[places] += step
         whole, some = heated.log_density(z), known.log_density(at_known + step)
         priors = float(heated.priors.at(z).log_density - known.priors.at(at_known + step).log_density)
         # Directions of which the telemetry tells next to nothing are left out.
         assert some + priors == pytest.approx(whole, abs=1e-3)
-        gradient = heated.log_density_and_gradient(z)[1][own]
+        gradient = heated.log_density_and_gradient(z)[1][places]
         found = known.log_density_and_gradient(at_known + step)[1]
         np.testing.assert_allclose(found, gradient, rtol=1e-5, atol=1e-5 * np.abs(gradient).max())
 
@@ -155,19 +155,19 @@ def test_the_information_is_that_of_the_dense_covariance(heated, at_centre, know
 
 
 def test_the_information_on_sizes_is_the_curvature_bent_to_be_positive(heated, at_centre):
-    own = np.array([k for k, entry in enumerate(heated.entries) if entry.kind in ("noise", "heat")])
-    covered = heated.gauss_newton_hessian(at_centre)[np.ix_(own, own)]
-    covered = covered - np.diag(heated.priors.precision(at_centre)[own])
+    places = np.array([k for k, entry in enumerate(heated.entries) if entry.kind in ("noise", "heat")])
+    covered = heated.gauss_newton_hessian(at_centre)[np.ix_(places, places)]
+    covered = covered - np.diag(heated.priors.precision(at_centre)[places])
     runs = heated.simulate(heated.to_theta(at_centre))
-    step = 1e-3 * np.eye(len(at_centre))[own]
+    step = 1e-3 * np.eye(len(at_centre))[places]
 
     def at(z):
         theta = heated.to_theta(z)
         return dense(heated, theta, lambda w: runs[heated.windows.index(w)].temperatures)
 
     middle = at(at_centre)
-    second = np.zeros((len(own), len(own)))
-    for i in range(len(own)):
+    second = np.zeros((len(places), len(places)))
+    for i in range(len(places)):
         for j in range(i + 1):
             if i == j:
                 value = (at(at_centre + step[i]) + at(at_centre - step[i]) - 2.0 * middle) / 1e-6
@@ -238,16 +238,16 @@ def test_exact_heat_has_simulations_do_what_the_linear_response_says(heated, at_
     gains = Gains([window.terms for window in heated.windows], heated.weighed, *heated.heat_sizes(thetas))
     weights = gains.draw(heated.heat_left(runs, thetas), np.random.default_rng(0))
     model, missed, before = heated.heat, [], []
-    uncorrected = [own.copy() for own in found.linear]
+    uncorrected = [temperatures.copy() for temperatures in found.linear]
     for place, (window, simulated, linear) in enumerate(
         zip(heated.windows, found.temperatures, found.linear, strict=True)
     ):
         units = unit_heats(model, window)
-        for s, own in enumerate(found.weights):
+        for s, exact in enumerate(found.weights):
             base = runs[s][place].temperatures
             expected = base + window.heat.response @ (weights[s] - model.centre)
             np.testing.assert_allclose(linear[s], expected, rtol=0.0, atol=1e-9)
-            functions = split(model, own - model.centre)
+            functions = split(model, exact - model.centre)
             heat, error = heat_of_weights(model, units, functions), errors_of_weights(units, functions)
             run = window.network.with_heat(heat).simulate(heated.at(window, thetas[s : s + 1])[0][window.simulated])
             np.testing.assert_allclose(simulated[s], run.temperatures + error, rtol=0.0, atol=1e-8)
@@ -262,7 +262,7 @@ def test_exact_heat_has_simulations_do_what_the_linear_response_says(heated, at_
     assert max(missed) < 0.2 * max(before)
     # What is left is nearly all of a shape that no weights mend.
     steps, first = (
-        gains([linear - own for linear, own in zip(found.linear, simulated, strict=True)])
+        gains([linear - temperatures for linear, temperatures in zip(found.linear, simulated, strict=True)])
         for simulated in (found.temperatures, uncorrected)
     )
     assert np.abs(steps).max() < 0.05 * np.abs(first).max()
@@ -287,9 +287,9 @@ def test_a_draw_that_cannot_be_simulated_with_its_heat_does_not_make_the_search_
     with np.errstate(all="raise", under="ignore"):
         found = exact_heat(heated, runs, thetas, np.random.default_rng(0))
     assert calls.count(3) <= calls.count(2)
-    for own in found.temperatures:
-        assert np.isfinite(own[:2]).all()
-        assert np.isnan(own[2]).all()
+    for temperatures in found.temperatures:
+        assert np.isfinite(temperatures[:2]).all()
+        assert np.isnan(temperatures[2]).all()
 
 
 def test_exact_heat_is_looked_for_no_longer_than_what_is_missed_is_more_than_may_be(heated, at_centre):
@@ -301,7 +301,10 @@ def test_exact_heat_is_looked_for_no_longer_than_what_is_missed_is_more_than_may
 
     def missed(within):
         found = exact_heat(heated, runs, thetas, np.random.default_rng(0), within=within)
-        left = [(own - linear).ravel() for own, linear in zip(found.temperatures, found.linear, strict=True)]
+        left = [
+            (temperatures - linear).ravel()
+            for temperatures, linear in zip(found.temperatures, found.linear, strict=True)
+        ]
         return np.sqrt(np.mean(np.concatenate(left) ** 2))
 
     first, least = missed(np.inf), missed(0.0)

@@ -76,10 +76,12 @@ def test_a_switch_of_a_heater_whose_node_has_no_heat_is_not_uncertain(tmp_path):
     (window,) = sampled_windows(problem)
     assert set(window.switching.heater) == {"heater"}
     model = model_of(problem)
-    (own,) = [
-        own for group, own in zip(model.groups, unit_heats(model, window), strict=True) if group.part == "switches"
+    (switch_units,) = [
+        group_units
+        for group, group_units in zip(model.groups, unit_heats(model, window), strict=True)
+        if group.part == "switches"
     ]
-    assert len(own.node) == len(own.series) == 0
+    assert len(switch_units.node) == len(switch_units.series) == 0
 
 
 def test_with_a_measured_status_windows_are_sampled_in_open_loop(problem):

@@ -36,14 +36,14 @@ def test_over_an_orbit_a_patterns_harmonics_add_nothing_to_the_constant(problem,
     window = sampled_windows(problem)[0]
     assert window.network.drive.times[-1] == small.PERIOD
     units = unit_heats(model, window)
-    for own in by_group(model, units, "constant"):
-        np.testing.assert_allclose(own.series, 1.0, rtol=1e-12)
-        assert len(own.series) == 1
-    for own in by_group(model, units, "pattern"):
-        assert len(own.series) == 2 * HARMONICS
+    for group_units in by_group(model, units, "constant"):
+        np.testing.assert_allclose(group_units.series, 1.0, rtol=1e-12)
+        assert len(group_units.series) == 1
+    for group_units in by_group(model, units, "pattern"):
+        assert len(group_units.series) == 2 * HARMONICS
         # Linear between points at most 20 s apart.
         curvature = (2.0 * np.pi * HARMONICS / small.PERIOD) ** 2
-        found = energy(window, own.series)
+        found = energy(window, group_units.series)
         np.testing.assert_allclose(found, 0.0, atol=20.0**2 / 12.0 * curvature * small.PERIOD)
 
 
@@ -54,20 +54,23 @@ def test_a_simulators_error_is_that_of_its_own_window_and_no_heat(unheated):
         units = unit_heats(model, window)
         theta = problem.at(window, problem.priors.median()[None])[0]
         found = zip(model.groups, units, responses(window, theta, model, units), strict=True)
-        errors = [(group, own, response) for group, own, response in found if group.part == "error"]
+        errors = [(group, group_units, response) for group, group_units, response in found if group.part == "error"]
         assert [group.window for group, *_ in errors] == ["train.first", "train.second"]
         simulator = window.simulator
-        for group, own, response in errors:
-            assert not own.series.any()
+        for group, error_units, response in errors:
+            assert not error_units.series.any()
             if group.window == window.name:
                 expected = simulator.error_basis * np.sqrt(simulator.error_variance)
                 np.testing.assert_allclose(response, expected, rtol=1e-12)
             else:
                 assert response.shape[2] == 0
-        weights = [np.ones(len(own.node)) for own in units]
+        weights = [np.ones(len(group_units.node)) for group_units in units]
         expected = (simulator.error_basis * np.sqrt(simulator.error_variance)).sum(axis=2)
         np.testing.assert_allclose(errors_of_weights(units, weights), expected, rtol=1e-12)
-        alone = [np.zeros(len(own.node)) if own.error is None else np.ones(len(own.node)) for own in units]
+        alone = [
+            np.zeros(len(group_units.node)) if group_units.error is None else np.ones(len(group_units.node))
+            for group_units in units
+        ]
         assert not heat_of_weights(model, units, alone).any()
 
 
@@ -79,27 +82,27 @@ def test_a_pattern_is_the_same_at_the_same_phase_of_every_window(problem, model)
         middle = start + 0.5 * (window.network.drive.times[1:] + window.network.drive.times[:-1])
         order = np.argsort(middle % small.PERIOD)
         means = series.reshape(len(series), -1, 2).mean(axis=2)[:, order]
-        found.append([np.interp(phase, (middle % small.PERIOD)[order], own) for own in means])
+        found.append([np.interp(phase, (middle % small.PERIOD)[order], mean) for mean in means])
     np.testing.assert_allclose(found[0], found[1], rtol=0.0, atol=1e-3)
 
 
 def test_the_gain_of_a_load_is_the_heat_of_that_load(problem, model):
     window = sampled_windows(problem)[1]
-    (own,) = by_group(model, unit_heats(model, window), "gains")
+    (gain_units,) = by_group(model, unit_heats(model, window), "gains")
     drive = window.network.drive
     amperes = drive.series[window.network.network.columns.index("driver.sun")]
     theta = problem.at(window, problem.priors.median()[None])[0]
     coefficient = 12.0 * theta[window.names.index("panel_size")]
-    assert own.node.tolist() == [1]
-    np.testing.assert_allclose(own.series[0], coefficient * amperes, rtol=1e-12)
+    assert gain_units.node.tolist() == [1]
+    np.testing.assert_allclose(gain_units.series[0], coefficient * amperes, rtol=1e-12)
 
 
 def test_a_gain_does_what_a_larger_coefficient_does(problem, model, centre):
     window = sampled_windows(problem)[0]
     theta = problem.at(window, problem.priors.median()[None])[0]
-    (own,) = by_group(model, unit_heats(model, window), "gains")
-    heat = np.zeros((2, own.series.shape[1]))
-    heat[1] = 0.1 * own.series[0]
+    (gain_units,) = by_group(model, unit_heats(model, window), "gains")
+    heat = np.zeros((2, gain_units.series.shape[1]))
+    heat[1] = 0.1 * gain_units.series[0]
     simulator, mapping = window.network, window.network.mapping
     numbers = mapping.written.copy()
     numbers[simulator.network.position("loads.sun.coefficient")] *= 1.1
@@ -114,11 +117,13 @@ def test_a_switch_is_uncertain_by_its_heaters_power_over_a_sampling_interval(pro
         units = dict(
             zip([group.window or group.scale for group in model.groups], unit_heats(model, window), strict=True)
         )
-        switching, own = window.switching, units[window.name]
+        switching, switch_units = window.switching, units[window.name]
         assert len(switching.time) > 4
-        assert len(own.node) == len(switching.time)
-        np.testing.assert_allclose(energy(window, own.series), 30.0 * switching.interval / np.sqrt(12.0), rtol=1e-9)
-        assert set(own.node) == {model.nodes.index("body")}
+        assert len(switch_units.node) == len(switching.time)
+        np.testing.assert_allclose(
+            energy(window, switch_units.series), 30.0 * switching.interval / np.sqrt(12.0), rtol=1e-9
+        )
+        assert set(switch_units.node) == {model.nodes.index("body")}
         assert not len(units[other.name].node)
 
 
@@ -132,10 +137,10 @@ def test_a_pattern_over_a_driver_is_the_same_at_the_same_value_of_it_and_of_no_o
     model = model_of(problem)
     found, current = [], []
     for window in sampled_windows(problem):
-        (own, _) = by_group(model, unit_heats(model, window), "pattern")
-        weights = np.random.default_rng(1).standard_normal(len(own.node))
+        (pattern_units, _) = by_group(model, unit_heats(model, window), "pattern")
+        weights = np.random.default_rng(1).standard_normal(len(pattern_units.node))
         drive = window.network.drive
-        found.append((weights @ own.series).reshape(-1, 2))
+        found.append((weights @ pattern_units.series).reshape(-1, 2))
         current.append(
             np.stack([drive.inputs[:, k, window.network.network.columns.index("driver.sun")] for k in (0, 1)], axis=1)
         )
@@ -166,9 +171,9 @@ def test_patterns_over_a_driver_are_over_its_range(tmp_path):
         pytest.approx(-0.6, abs=2e-3),
         pytest.approx(1.6, abs=2e-3),
     )
-    kept = tuple(np.eye(len(own.node)) for own in unit_heats(model, sampled_windows(problem)[0]))
+    kept = tuple(np.eye(len(group_units.node)) for group_units in unit_heats(model, sampled_windows(problem)[0]))
     looked = replace(model, kept=kept)
-    weights = np.random.default_rng(2).standard_normal((1, sum(own.shape[1] for own in kept)))
+    weights = np.random.default_rng(2).standard_normal((1, sum(basis.shape[1] for basis in kept)))
     places = places_of(model, 3)
     whole = patterns_of(looked, weights, places)
     groups = dict(zip([group.scale for group in model.groups], split(looked, weights), strict=True))
@@ -194,13 +199,13 @@ def test_a_gap_in_a_driver_is_unknown_heat_of_its_load_while_it_lasts(tmp_path):
         problem, deviation = with_gap(folder, content, first, last)
         model = model_of(problem)
         windows = sampled_windows(problem)
-        (own,) = by_group(model, unit_heats(model, windows[window]), "gaps")
+        (gap_units,) = by_group(model, unit_heats(model, windows[window]), "gaps")
         theta = problem.at(windows[window], problem.priors.median()[None])[0]
         coefficient = 12.0 * theta[windows[window].names.index("panel_size")]
         pieces = max(1, round(seconds / 600.0))
-        assert own.node.tolist() == [model.nodes.index("panel")] * pieces
+        assert gap_units.node.tolist() == [model.nodes.index("panel")] * pieces
         np.testing.assert_allclose(
-            energy(windows[window], own.series), coefficient * deviation * seconds / pieces, rtol=1e-9
+            energy(windows[window], gap_units.series), coefficient * deviation * seconds / pieces, rtol=1e-9
         )
         (other,) = by_group(model, unit_heats(model, windows[1 - window]), "gaps")
         assert not len(other.node)
@@ -217,12 +222,12 @@ def test_a_jump_of_a_driver_is_unknown_heat_between_its_samples(tmp_path):
     data["sun"].values[:] = np.isin(minutes // 35, (1, 3, 5, 7))
     problem = build_problem(scenario, data)
     model, window = model_of(problem), sampled_windows(problem)[0]
-    (own,) = by_group(model, unit_heats(model, window), "gaps")
+    (gap_units,) = by_group(model, unit_heats(model, window), "gaps")
     inside = [minute for minute in range(35, len(minutes), 35) if 60.0 * minute <= window.network.drive.times[-1]]
     coefficient = 12.0 * problem.at(window, problem.priors.median()[None])[0][window.names.index("panel_size")]
-    assert own.node.tolist() == [model.nodes.index("panel")] * len(inside)
-    np.testing.assert_allclose(energy(window, own.series), coefficient * 60.0 / np.sqrt(12.0), rtol=1e-9)
-    heated = window.network.drive.times[1:][(own.series.reshape(len(inside), -1, 2) > 0.0).any(axis=(0, 2))]
+    assert gap_units.node.tolist() == [model.nodes.index("panel")] * len(inside)
+    np.testing.assert_allclose(energy(window, gap_units.series), coefficient * 60.0 / np.sqrt(12.0), rtol=1e-9)
+    heated = window.network.drive.times[1:][(gap_units.series.reshape(len(inside), -1, 2) > 0.0).any(axis=(0, 2))]
     assert set(np.ceil(heated / 60.0).astype(int)) == set(inside)
 
 
@@ -256,10 +261,10 @@ def test_a_change_of_mode_is_as_uncertain_as_time_tags(tmp_path):
     problem, _ = simulated(0.0)
     model, window = model_of(problem), sampled_windows(problem)[0]
     units = unit_heats(model, window)
-    (own,) = by_group(model, units, "changes")
+    (change_units,) = by_group(model, units, "changes")
     # 12 W more into the body and 2 W less into the panel, for four seconds; and the other way round.
     body, panel = (model.nodes.index(name) for name in ("body", "panel"))
-    moved = own.share * energy(window, own.series)[:, None]
+    moved = change_units.share * energy(window, change_units.series)[:, None]
     np.testing.assert_allclose(moved[:, [body, panel]], [[48.0, -8.0], [-48.0, 8.0]], rtol=1e-9)
     (response,) = by_group(model, responses(window, theta_of(problem), model, units), "changes")
     expected = 0.5 * (simulated(-4.0)[1] - simulated(4.0)[1])
@@ -275,10 +280,10 @@ def test_a_change_of_mode_between_two_samples_may_be_anywhere_between_them(tmp_p
     content["simulator"]["timeline"][1]["within"] = "5 min"
     problem = problem_of(tmp_path, content)
     model, window = model_of(problem), sampled_windows(problem)[0]
-    (own,) = by_group(model, unit_heats(model, window), "changes")
-    assert len(own.share) == 1  # the other change is known
+    (change_units,) = by_group(model, unit_heats(model, window), "changes")
+    assert len(change_units.share) == 1  # the other change is known
     body, grid = model.nodes.index("body"), window.network.drive.times
-    moved = own.series[0].reshape(-1, 2).mean(axis=1) * own.share[0, body]
+    moved = change_units.series[0].reshape(-1, 2).mean(axis=1) * change_units.share[0, body]
     inside = (grid[:-1] >= 2250.0) & (grid[1:] <= 2550.0)
     np.testing.assert_allclose(moved[inside] @ np.diff(grid)[inside], 12.0 * 300.0 / np.sqrt(12.0), rtol=0.1)
     np.testing.assert_allclose(moved @ np.diff(grid), 12.0 * 300.0 / np.sqrt(12.0), rtol=1e-9)
@@ -330,11 +335,12 @@ def test_responses_are_what_a_little_heat_does(problem, model, centre):
     found = responses(window, theta, model, units)
     rng = np.random.default_rng(0)
     weights = [
-        0.02 * group.size * rng.normal(size=len(own.node)) for group, own in zip(model.groups, units, strict=True)
+        0.02 * group.size * rng.normal(size=len(group_units.node))
+        for group, group_units in zip(model.groups, units, strict=True)
     ]
     heat = heat_of_weights(model, units, weights)
     sides = [window.network.with_heat(sign * heat).simulate(theta[window.simulated]).temperatures for sign in (1, -1)]
-    expected = sum(own @ of_group for own, of_group in zip(found, weights, strict=True))
+    expected = sum(response @ of_group for response, of_group in zip(found, weights, strict=True))
     assert np.abs(expected).max() > 0.01
     # A heat's third power is left: temperatures cubed over the absolute one squared, and the nudge's.
     np.testing.assert_allclose(0.5 * (sides[0] - sides[1]), expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
@@ -344,7 +350,7 @@ def test_heat_that_has_faded_since_another_window_does_nothing(problem, model, c
     window = sampled_windows(problem)[0]
     theta = problem.at(window, centre[None])[0]
     units = unit_heats(model, window)
-    k = next(k for k, own in enumerate(units) if len(own.series) > 1)
+    k = next(k for k, group_units in enumerate(units) if len(group_units.series) > 1)
     series = units[k].series.copy()
     series[0] = 1e-310  # too small to divide by
     faded = [*units[:k], replace(units[k], series=series), *units[k + 1 :]]

@@ -46,7 +46,7 @@ def test_a_heater_that_leaves_a_gap_otherwise_than_simulated_has_switched_once_m
         last = max((time for time, _, _ in as_simulated.switches), default=begin)
         # Anywhere between the last switch and the end, of which that is mean and width.
         assert (time, within) == pytest.approx((0.5 * (last + end), end - last))
-        on, before = (sum(until - since for since, until, _ in own.on) for own in (held, as_simulated))
+        on, before = (sum(until - since for since, until, _ in history.on) for history in (held, as_simulated))
         assert abs(on - before) == pytest.approx(0.5 * (end - last))
 
 

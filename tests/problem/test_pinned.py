@@ -116,7 +116,9 @@ def test_where_each_switch_is_seen_and_where_a_node_has_no_channel_nothing_is_he
     scenario, data = small.closed_loop(tmp_path, small.content() | {"heat": {}})
     assert held(open_loop(scenario), data)[1] is data
     scenario, data = told
-    observations = {name: own for name, own in scenario.observations.items() if own.node != "body"}
+    observations = {
+        name: observation for name, observation in scenario.observations.items() if observation.node != "body"
+    }
     assert held(open_loop(scenario.model_copy(update={"observations": observations})), data)[1] is data
 
 
@@ -150,7 +152,10 @@ def test_what_cannot_be_held_in_one_window_is_held_in_none(tmp_path):
     }
     scenario, data = small.closed_loop(tmp_path, written, **THETA)
     heard = (data["time"] < data["time"][150]) | (np.arange(data.sizes["time"]) % 50 < 20)
-    both, one = (build_problem(scenario, own) for own in (data, data.assign(body_temp=data["body_temp"].where(heard))))
+    both, one = (
+        build_problem(scenario, telemetry)
+        for telemetry in (data, data.assign(body_temp=data["body_temp"].where(heard)))
+    )
     assert [pinned_heaters(window.scenario) for window in both.open_loop.windows] == [("heater",)] * 2
     assert [pinned_heaters(window.scenario) for window in one.open_loop.windows] == [()] * 2
     paths = [window.network.network.paths for window in both.open_loop.windows]

@@ -302,7 +302,7 @@ def test_a_window_whose_start_lies_in_a_gap_begins_at_its_first_sample(tmp_path,
     window = build_window(scenario, data, "test")
     assert window.start - start == np.timedelta64(later, "m")
     assert window.span[1] == end
-    seen = {name: own for name, own in scenario.observations.items() if name != "panel_temp"}
+    seen = {name: observation for name, observation in scenario.observations.items() if name != "panel_temp"}
     half_seen = build_window(scenario.model_copy(update={"observations": seen}), data, "test")
     unobserved = scenario.initial_state.unobserved
     assert half_seen.reads["initial.panel"].standard_deviation == (20.0 if later else unobserved)

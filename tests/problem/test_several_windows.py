@@ -206,7 +206,7 @@ def test_the_weights_are_what_all_windows_tell(phased, request):
         model = window.residuals
         for k in range(2):
             deviation = model.prior_deviations(model.fixed[k])
-            basis = np.concatenate([own.residuals.terms.shapes.basis for own in phased.windows]) * deviation
+            basis = np.concatenate([other.residuals.terms.shapes.basis for other in phased.windows]) * deviation
             gain = np.linalg.solve(covariance_of_all(phased, k, kind), basis).T * deviation[:, None]
             np.testing.assert_allclose(mean[k], gain @ residual[:, k], atol=1e-8)
             expected = np.diag(deviation**2) - gain @ basis * deviation
@@ -313,7 +313,7 @@ def test_a_trend_goes_on_from_the_middle_of_all_windows_to_one_that_is_not_train
     place = {name: k for k, name in enumerate(joint.names)}
     theta[[place["link"], place["trend.link"]]] = 0.7, rate
     unseen = build_window(joint.scenario, joint_data(joint, tmp_path), "test.1")
-    middles = [own.start + np.timedelta64(round(500 * own.duration), "ms") for own in (*joint.windows, unseen)]
+    middles = [window.start + np.timedelta64(round(500 * window.duration), "ms") for window in (*joint.windows, unseen)]
     hours = (np.array(middles) - middles[0]) / np.timedelta64(1, "h")
     # Of a lognormal prior around 0.6 W/K.
     expected = 0.7 * np.exp(rate / 0.6 * (hours - hours[:2].mean()) / (365.25 * 24.0))

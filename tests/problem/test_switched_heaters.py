@@ -59,8 +59,10 @@ def model_of(problem, window):
 
 
 def switches_of(model, window):
-    (own,) = [u for group, u in zip(model.groups, unit_heats(model, window), strict=True) if group.part == "switches"]
-    return own
+    (switch_units,) = [
+        u for group, u in zip(model.groups, unit_heats(model, window), strict=True) if group.part == "switches"
+    ]
+    return switch_units
 
 
 def simulated(folder, content):
@@ -138,11 +140,11 @@ def test_in_open_loop_both_follow_the_measured_status(problem):
 def test_the_moment_of_a_switch_is_one_unknown_for_the_heat_of_both(problem):
     (window,) = sampled_windows(problem)
     model = model_of(problem, window)
-    own, switching = switches_of(model, window), window.switching
+    switch_units, switching = switches_of(model, window), window.switching
     assert set(switching.heater) == {"heater"}
-    assert len(own.series) == len(switching.time) > 2
-    weights = np.eye(len(own.series))[1]
-    heat = heat_of_weights(model, [own], [weights])
+    assert len(switch_units.series) == len(switching.time) > 2
+    weights = np.eye(len(switch_units.series))[1]
+    heat = heat_of_weights(model, [switch_units], [weights])
     lasting = np.repeat(np.diff(window.network.drive.times), 2) / 2.0
     spread = switching.interval[1] / np.sqrt(12.0)
     np.testing.assert_allclose(heat @ lasting, [30.0 * spread, 8.0 * spread], rtol=1e-9)
@@ -154,9 +156,9 @@ def test_heat_that_moves_a_switch_acts_between_the_samples_that_show_it_and_nowh
     (window,) = sampled_windows(problem)
     theta = problem.at(window, problem.priors.median()[None])[0]
     model = heat_model(scenario, heat_of(scenario), (window,), theta)
-    own, switching, times = switches_of(model, window), window.switching, window.network.drive.times
-    assert len(own.series) == len(switching.time) > 20
-    for series, time, interval in zip(own.series, switching.time, switching.interval, strict=True):
+    switch_units, switching, times = switches_of(model, window), window.switching, window.network.drive.times
+    assert len(switch_units.series) == len(switching.time) > 20
+    for series, time, interval in zip(switch_units.series, switching.time, switching.interval, strict=True):
         middle = 0.5 * (times[1:] + times[:-1])
         inside = np.repeat(np.abs(middle - time) < 0.5 * interval, 2)
         np.testing.assert_allclose(series[~inside], 0.0, atol=1e-6)
@@ -169,9 +171,9 @@ def test_its_response_is_that_of_the_heat_in_both_nodes(problem):
     held = held_by(window, theta)
     window = window if held is None else hold(window, held)
     model = model_of(problem, window)
-    own = switches_of(model, window)
-    apart = [replace(own, share=own.share * (np.arange(2) == k)) for k in range(2)]
-    (both,) = responses(window, theta, model, [own])
+    switch_units = switches_of(model, window)
+    apart = [replace(switch_units, share=switch_units.share * (np.arange(2) == k)) for k in range(2)]
+    (both,) = responses(window, theta, model, [switch_units])
     body, panel = (responses(window, theta, model, [part])[0] for part in apart)
     assert np.abs(panel).max() > 1e-4
     np.testing.assert_allclose(both, body + panel, atol=1e-6 * np.abs(both).max())
@@ -183,9 +185,9 @@ def test_where_one_node_alone_has_heat_only_its_part_is_uncertain(tmp_path):
     problem = build_problem(scenario, data)
     (window,) = sampled_windows(problem)
     model = model_of(problem, window)
-    own, switching = switches_of(model, window), window.switching
-    np.testing.assert_array_equal(own.share, np.ones((len(switching.time), 1)))
-    np.testing.assert_allclose(own.series.max(axis=1) * np.sqrt(12.0), 8.0, rtol=0.5)
+    switch_units, switching = switches_of(model, window), window.switching
+    np.testing.assert_array_equal(switch_units.share, np.ones((len(switching.time), 1)))
+    np.testing.assert_allclose(switch_units.series.max(axis=1) * np.sqrt(12.0), 8.0, rtol=0.5)
 
 
 def test_a_switch_whose_nodes_have_no_heat_is_not_shifted(tmp_path):
@@ -195,7 +197,7 @@ def test_a_switch_whose_nodes_have_no_heat_is_not_shifted(tmp_path):
     (window,) = sampled_windows(problem)
     model = model_of(problem, window)
     assert heated_switches(model, window) == ()
-    weights = [np.zeros((3, len(own.series))) for own in unit_heats(model, window)]
+    weights = [np.zeros((3, len(group_units.series))) for group_units in unit_heats(model, window)]
     np.testing.assert_array_equal(shifts_of_weights(model, window, weights), np.zeros((3, len(window.switching.time))))
 
 

@@ -19,8 +19,8 @@ def seen(drawn_at, sign=1.0):
     found = _Switches(np.array([0.0]), np.array([600.0]), np.array([[drawn_at]]))
     reached, happened = _reached(seconds, sign * (6.0 - 0.01 * seconds)[None], found, sign)
     sides = ((reached, happened), NONE) if sign > 0.0 else (NONE, (reached, happened))
-    own = Passages(*zip(*sides, strict=True), np.full(1, np.nan))
-    return own.log_likelihood(0 if sign > 0.0 else 1, TRIED[None])[0]
+    switch_passages = Passages(*zip(*sides, strict=True), np.full(1, np.nan))
+    return switch_passages.log_likelihood(0 if sign > 0.0 else 1, TRIED[None])[0]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

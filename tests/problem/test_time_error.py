@@ -19,7 +19,7 @@ def problem(tmp_path_factory):
 
 
 def test_it_is_one_entry_for_all_temperatures(problem):
-    (entry,) = (own for own in problem.entries if own.kind == "time")
+    (entry,) = (parameter for parameter in problem.entries if parameter.kind == "time")
 
     assert (entry.name, entry.unit, entry.window) == (TIME_ERROR, "s", None)
     assert entry.prior == Normal(mean=0.0, standard_deviation=4.0)

@@ -73,7 +73,8 @@ def test_a_flight_is_looked_at_over_the_whole_window_wherever_its_samples_lie(ta
     span = (start, start + np.timedelta64(2, "h"))
     times = start + np.arange(0, 7200, 600) * np.timedelta64(1, "s")
     whole, late = (
-        fly_at(task.mission, task.scenario.parameters, THETA, ("battery_1",), own, span) for own in (times, times[3:-3])
+        fly_at(task.mission, task.scenario.parameters, THETA, ("battery_1",), samples, span)
+        for samples in (times, times[3:-3])
     )
     # The mission begins with what the spacecraft file writes.
     assert late.start["battery"] == pytest.approx(288.15)

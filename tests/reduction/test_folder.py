@@ -84,8 +84,8 @@ def test_a_model_beside_the_file_is_taken(copied):
 
 @pytest.mark.parametrize("left", [[], ["certificate.txt", "scenario.yaml"]])
 def test_a_reduction_that_was_interrupted_is_made_again(made, copied, monkeypatch, left):
-    own, found = copied / "run" / "reduced", []
-    for file in own.iterdir():
+    folder, found = copied / "run" / "reduced", []
+    for file in folder.iterdir():
         if file.name not in left:
             file.unlink()
 
@@ -96,7 +96,7 @@ def test_a_reduction_that_was_interrupted_is_made_again(made, copied, monkeypatc
 
     monkeypatch.setattr(module, "reduce_to_folder", made_again)
     assert scenario_of(craft.write(copied, SMALL), copied / "run").is_file()
-    assert (own / MODEL_FILE).is_file()
+    assert (folder / MODEL_FILE).is_file()
     assert found == []
 
 

@@ -81,13 +81,13 @@ def test_heat_at_a_full_node_moves_thermistors_as_in_the_full_network_within_the
     (errors,) = errors_of(task, model, held_out)
     usual = np.quantile(np.abs(errors.temperatures), 0.95, axis=(0, 1))
     for name in HEATED:
-        full, reduced = (own[name] for own in moved)
+        full, reduced = (by_node[name] for by_node in moved)
         assert (np.abs(reduced - full).max(axis=0) < usual).all()
 
 
 @pytest.mark.parametrize("name", UNITS)
 def test_heat_at_a_unit_moves_thermistors_as_in_the_full_network_to_a_hundredth(moved, name):
-    full, reduced = (own[name] for own in moved)
+    full, reduced = (by_node[name] for by_node in moved)
     assert np.abs(full).max() > 0.5
     assert np.abs(reduced - full).max() < 0.01 * np.abs(full).max()
 

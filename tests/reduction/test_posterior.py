@@ -104,7 +104,7 @@ def test_a_number_of_the_reduced_model_can_be_written_in_the_scenario(folder):
         1.07 * written_values(scenario)["blanket"], rel=1e-5
     )
     assert load_again(folder, found) == found.network.reduced_numbers
-    built = [build_problem(own, read(own), "train").windows[0].network.network for own in (scenario, found)]
+    built = [build_problem(version, read(version), "train").windows[0].network.network for version in (scenario, found)]
     place = built[0].paths.index("reduced.blanket")
     assert built[1].values[place] == pytest.approx(1.07 * built[0].values[place], rel=1e-5)
 
@@ -197,8 +197,8 @@ def heated(**heat):
 def test_heat_goes_into_full_nodes_with_a_thermistor_or_a_heater_or_into_those_that_are_named(folder):
     path, nodes = folder / "rom" / "scenario.yaml", []
     scenario = load_scenario(path)
-    for own in (scenario, load_scenario(changed(folder / "rom", path, "one.yaml", heated(nodes=["bus_z-_0_0"])))):
-        nodes.append(build_problem(own, read(own), "train").windows[0].network.network.heated)
+    for version in (scenario, load_scenario(changed(folder / "rom", path, "one.yaml", heated(nodes=["bus_z-_0_0"])))):
+        nodes.append(build_problem(version, read(version), "train").windows[0].network.network.heated)
     assert set(nodes[0]) == {"battery", "unit", "bus_z-_1_1"}
     assert nodes[1] == ("bus_z-_0_0",)
     assert "bus_z-_0_0" not in scenario.network.nodes
@@ -235,8 +235,8 @@ def test_the_error_of_the_reduced_model_stands_beside_heat_in_the_likelihood(hea
 
 def test_a_check_says_what_heat_at_full_nodes_takes_from_the_parameters(without_heat):
     found = beside_heat(without_heat, without_heat.to_z(without_heat.priors.median()))
-    assert {own.node for own in found.parameters} == {"unit"}
-    assert all(own.growth >= 1.0 for own in found.parameters)
+    assert {parameter.node for parameter in found.parameters} == {"unit"}
+    assert all(parameter.growth >= 1.0 for parameter in found.parameters)
 
 
 def test_the_gradient_beside_heat_is_that_of_differences(heated_problem):
@@ -390,9 +390,9 @@ def test_heat_that_a_reduced_model_lacks_is_found_where_it_is_and_goes_on_into_a
     folder = folder_of_secret
     run_experiment(changed(folder / "rom", folder / "rom" / "scenario.yaml", "short.yaml", short), folder / "run")
     run = read_run(folder / "run")
-    for own in node_heats(run):
-        low, high = (bound.mean() for bound in own.band)
-        true = SECRET if own.node == "unit" else 0.0
+    for node_heat in node_heats(run):
+        low, high = (bound.mean() for bound in node_heat.band)
+        true = SECRET if node_heat.node == "unit" else 0.0
         assert low < true < high
         assert high - low < 2.5
     (test,) = run.test_windows.values()

@@ -176,5 +176,5 @@ def test_one_compartment_has_the_reference_posterior(tmp_path):
     squares = [(f"{name} squared", draws[name] ** 2, reference) for name, reference in COMPARTMENT_SQUARES.items()]
     for name, values, (expected, error) in [(n, draws[n], COMPARTMENT[n]) for n in COMPARTMENT] + squares:
         mean = (weights * values).mean()
-        own = problems.standard_error(weights * (values - mean))
-        assert mean == pytest.approx(expected, abs=4 * np.hypot(error, own)), name
+        sampling_error = problems.standard_error(weights * (values - mean))
+        assert mean == pytest.approx(expected, abs=4 * np.hypot(error, sampling_error)), name

@@ -86,7 +86,7 @@ def errors_as_long_as_the_window(run):
     """Each draw is off by its own 2 K all the time, and the battery lies on its interval's upper end."""
     right, rng = fitted(run), np.random.default_rng(2)
     test = right.windows["test"]
-    mean, deviation = (test[own].sel({"by": "stochastic"}).values for own in ("mean", "standard_deviation"))
+    mean, deviation = (test[key].sel({"by": "stochastic"}).values for key in ("mean", "standard_deviation"))
     draws = mean + 2.0 * rng.normal(size=(300, 1, 3)) + deviation * rng.normal(size=(300, *mean.shape))
     observed = mean + deviation * rng.normal(size=mean.shape)
     observed[:, 1] += (np.quantile(draws, 0.975, axis=0) - mean)[:, 1]
@@ -190,7 +190,8 @@ def nothing_unseen(run):
 def with_prior_score(run, score):
     """The same, with battery_link so many deviations from where its prior has it."""
     rows = [
-        own | {"prior_score": score if own["name"] == "battery_link" else 0.1} for own in run.diagnostics["parameters"]
+        record | {"prior_score": score if record["name"] == "battery_link" else 0.1}
+        for record in run.diagnostics["parameters"]
     ]
     right = fitted(run)
     return dataclasses.replace(right, diagnostics=right.diagnostics | {"parameters": rows})
@@ -206,8 +207,8 @@ def prior_is_far_off(run):
 
 def with_suspect(run, title, advice):
     """The run with something that was likely to be wrong before any sampling."""
-    own = {"title": title, "sentence": "With it the telemetry is explained.", "advice": advice}
-    return dataclasses.replace(fitted(run), suspects=[own])
+    suspect = {"title": title, "sentence": "With it the telemetry is explained.", "advice": advice}
+    return dataclasses.replace(fitted(run), suspects=[suspect])
 
 
 def clock_is_late(run):

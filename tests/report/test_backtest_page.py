@@ -11,10 +11,10 @@ from flightcal.report.backtest_page import _below, _title
 
 @pytest.mark.parametrize("why", ["", "below 60.0%", "7.0 deviations off for five minutes or more, above 5.0"])
 def test_it_is_told_why_intervals_did_not_hold(why):
-    own = {"coverage": [0.95, 0.5], "why": ["", why]}
-    assert _below(own, ["a", "b"]) == ([f"b 50.0%, {why}"] if why else [])
-    assert _title(own, 0) == "95.0%"
-    assert (f"✕ 50.0%, {why}" in _title(own, 1)) == bool(why)
+    record = {"coverage": [0.95, 0.5], "why": ["", why]}
+    assert _below(record, ["a", "b"]) == ([f"b 50.0%, {why}"] if why else [])
+    assert _title(record, 0) == "95.0%"
+    assert (f"✕ 50.0%, {why}" in _title(record, 1)) == bool(why)
 
 
 def test_a_channel_that_is_not_scored_is_no_failure():

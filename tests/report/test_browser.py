@@ -106,8 +106,8 @@ def test_no_button_can_send_a_chart_away(opened):
 def test_on_a_phone_nothing_is_cut_off_and_what_is_folded_is_drawn_when_a_link_opens_it(slim_directory, tmp_path):
     run = read_run(slim_directory)
     long = {
-        name: own.assign_coords(channel=["battery_pack_temperature_of_inner_cells"])
-        for name, own in run.windows.items()
+        name: window.assign_coords(channel=["battery_pack_temperature_of_inner_cells"])
+        for name, window in run.windows.items()
     }
     page = render(replace(run, windows=long))
     (tmp_path / "probed.html").write_text(page.replace("</body>", f"{PROBE}</body>"), encoding="utf-8")
@@ -140,7 +140,7 @@ def test_on_paper_nothing_is_left_out_or_cut(run_directory, tmp_path):
     # A figure and its caption are on one sheet.
     plots = [name.replace("_", " ") for name in (*CHANNELS, *HEATERS)]
     for caption in ("Figure 1.", "Figure 2.", "Figure 4.", "Figure 6a.", "Figure 6b."):
-        (sheet,) = (own for own in sheets if caption in own)
+        (sheet,) = (text for text in sheets if caption in text)
         assert [name for name in plots if name not in sheet] == []
     boxes = subprocess.run(["pdftotext", "-bbox", paper, "-"], capture_output=True, text=True, check=True).stdout
     width = float(re.search(r'<page width="([\d.]+)"', boxes).group(1))

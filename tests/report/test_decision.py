@@ -69,8 +69,8 @@ def test_the_first_screen_tells_whether_to_use_it_why_and_what_to_do_next(run, p
     assert f" Next: {case.then}" in verdict
     judged = verdict_of(case.make(run))
     assert judged.exit_code == case.exit_code
-    decide = [own for own in judged.answers if case.decision == USE or own.state != "good"]
-    assert any(case.reason in own.worst.title for own in decide)
+    decide = [answer for answer in judged.answers if case.decision == USE or answer.state != "good"]
+    assert any(case.reason in answer.worst.title for answer in decide)
     marks = re.findall(r"(✓ good|! caution|✕ problem|– not in this run) .*? why", verdict)
     assert marks == [answer.worst.mark for answer in judged.answers]
 
@@ -97,7 +97,7 @@ def test_the_picture_is_of_the_channel_that_fails_and_of_another_in_the_unseen_w
     words, text = first_screen(one_channel_fails(run))
     assert "Window “test”, which was not trained on" in words["picture"]
     figure = drawn(text)["figures"]["figure-1"]
-    titles = [own["text"] for own in figure["layout"]["annotations"]]
+    titles = [annotation["text"] for annotation in figure["layout"]["annotations"]]
     assert titles[0] == "<b>battery temperature: 0% inside, worst of 3</b>"
     assert re.fullmatch(r"<b>(panel|payload) temperature: 9\d% inside</b>", titles[1])
     assert titles[2:] == ["<b>battery heater</b>", "<b>payload heater</b>"]
@@ -115,7 +115,7 @@ def test_an_interval_that_says_less_than_training_did_is_of_no_use_however_much_
 
 def test_eclipses_are_explained_only_where_there_are_some(run):
     assert "Shaded: eclipse." in first_screen(run)[0]["picture"]
-    lit = {name: own.assign(eclipse=1.0 + 0.0 * own["eclipse"]) for name, own in run.windows.items()}
+    lit = {name: window.assign(eclipse=1.0 + 0.0 * window["eclipse"]) for name, window in run.windows.items()}
     assert "Shaded" not in first_screen(dataclasses.replace(run, windows=lit))[0]["picture"]
 
 
@@ -140,7 +140,7 @@ def test_heaters_are_told_predicted_and_measured(run):
 def test_of_a_heater_without_a_status_it_is_told_what_is_predicted(run):
     words, text = first_screen(status_is_not_measured(run))
     assert re.search(r"payload_heater test – [\d.]+% [\d.]+% to [\d.]+% not measured", words["duty"])
-    titles = [own["text"] for own in drawn(text)["figures"]["figure-1"]["layout"]["annotations"]]
+    titles = [annotation["text"] for annotation in drawn(text)["figures"]["figure-1"]["layout"]["annotations"]]
     assert titles[2:] == ["<b>battery heater</b>", "<b>payload heater</b>"]
 
 
@@ -175,7 +175,8 @@ def test_the_chance_that_a_plan_passes_a_limit_stands_beside_its_extreme(run):
 
 def test_the_picture_is_of_the_channel_whose_noise_is_not_what_was_assumed(run):
     titles = [
-        own["text"] for own in drawn(first_screen(bad_model(run))[1])["figures"]["figure-1"]["layout"]["annotations"]
+        annotation["text"]
+        for annotation in drawn(first_screen(bad_model(run))[1])["figures"]["figure-1"]["layout"]["annotations"]
     ]
     assert titles[0].startswith("<b>payload temperature")
 

@@ -115,13 +115,13 @@ def test_the_figure_has_the_discrepant_channel_over_the_orbit_with_its_band(run)
 
 
 def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_white(run):
-    own = made(run, noise="AR(1) noise")
-    good = finding(own, "look like the noise that was assumed")
+    ar1_run = made(run, noise="AR(1) noise")
+    good = finding(ar1_run, "look like the noise that was assumed")
     assert good.state == "good"
     assert "AR(1) noise beside a discrepancy of battery_temperature in orbit phase" in good.text
     assert "are correlated" in good.text
     assert "which the AR(1) noise expects" in good.text
-    text = words(section(own, "residuals").blocks)
+    text = words(section(ar1_run, "residuals").blocks)
     assert "iid" not in text
     assert "no channel contradicts AR(1) noise" in text
     iid = finding(run, "not the independent noise")
@@ -129,12 +129,12 @@ def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_wh
 
 
 def test_innovations_that_are_not_white_contradict_the_noise_by_its_own_name(run):
-    own = made(run, noise="AR(1) noise")
+    ar1_run = made(run, noise="AR(1) noise")
     windows = {
-        n: w.assign(innovation=w["observed"] - w["mean"].sel({"by": "stochastic"})) for n, w in own.windows.items()
+        n: w.assign(innovation=w["observed"] - w["mean"].sel({"by": "stochastic"})) for n, w in ar1_run.windows.items()
     }
     against = finding(
-        dataclasses.replace(own, windows=windows), "The residuals are not the AR(1) noise that was assumed, worst "
+        dataclasses.replace(ar1_run, windows=windows), "The residuals are not the AR(1) noise that was assumed, worst "
     )
     assert "innovations of battery_temperature and payload_temperature" in against.text
     assert "discrepancy and noise take up in part only" in against.text
@@ -142,14 +142,14 @@ def test_innovations_that_are_not_white_contradict_the_noise_by_its_own_name(run
 
 
 def test_with_several_training_windows_it_is_said_that_no_correlation_was_determined(run):
-    own = made(run)
-    tree = own.posterior.copy()
+    discrepant_run = made(run)
+    tree = discrepant_run.posterior.copy()
     del tree["discrepancy"]
-    own = dataclasses.replace(own, posterior=tree)
-    last = section(own, "discrepancy").blocks[-1]
+    changed = dataclasses.replace(discrepant_run, posterior=tree)
+    last = section(changed, "discrepancy").blocks[-1]
     assert last.kind == "note"
     assert "several training windows" in last.text
-    assert not [f for f in every_finding(own) if "stands in" in f.title]
+    assert not [f for f in every_finding(changed) if "stands in" in f.title]
 
 
 def test_values_of_drifting_parameters_stand_by_window(run):
@@ -160,11 +160,11 @@ def test_values_of_drifting_parameters_stand_by_window(run):
     tree["windows"] = xr.DataTree(
         xr.Dataset({"battery_link": (("chain", "draw", "window"), values)}, {"window": ["june", "july"]})
     )
-    own = dataclasses.replace(run, posterior=tree)
-    table = window_values(own)
+    drifting_run = dataclasses.replace(run, posterior=tree)
+    table = window_values(drifting_run)
     assert table.header[2:] == ("in “june”", "in “july”")
     middle = [float(cell.split(" ")[0]) for cell in table.rows[0][1:]]
     assert middle[1:] == pytest.approx([middle[0] + 0.1, middle[0] - 0.1], abs=1e-3)
-    assert "Values by window" in words(section(own, "parameters").blocks)
+    assert "Values by window" in words(section(drifting_run, "parameters").blocks)
     warm = [dataclasses.replace(info, unit="degC") for info in run.parameters]
-    assert window_values(dataclasses.replace(own, parameters=warm)).rows[0][0] == "battery_link, °C"
+    assert window_values(dataclasses.replace(drifting_run, parameters=warm)).rows[0][0] == "battery_link, °C"

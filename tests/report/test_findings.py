@@ -116,14 +116,14 @@ def test_residuals_that_contradict_iid_noise_are_told_by_channel_with_the_factor
 
 def scored(run, **scores):
     """The same run, posteriors so many deviations from their priors' medians."""
-    own = [p | {"prior_score": scores.get(p["name"], p["prior_score"])} for p in run.diagnostics["parameters"]]
-    return dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": own})
+    records = [p | {"prior_score": scores.get(p["name"], p["prior_score"])} for p in run.diagnostics["parameters"]]
+    return dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": records})
 
 
 def with_scores(run, **scores):
     """The same run, the posterior of battery_link elsewhere in its prior."""
-    own = [p | (scores if p["name"] == "battery_link" else {}) for p in run.diagnostics["parameters"]]
-    return dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": own})
+    records = [p | (scores if p["name"] == "battery_link" else {}) for p in run.diagnostics["parameters"]]
+    return dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": records})
 
 
 def test_a_posterior_at_its_priors_edge_is_marked(run):
@@ -157,10 +157,10 @@ def test_beside_time_tags_that_are_off_drivers_are_named_that_are_held_from_samp
 @pytest.mark.parametrize(("seconds", "state"), [(9.0, "warn"), (11.0, "bad")])
 def test_a_time_error_far_shorter_than_lies_between_samples_is_no_problem(run, seconds, state):
     infos = [dataclasses.replace(p, kind="time") if p.name == "battery_link" else p for p in run.parameters]
-    own = [
+    rows = [
         dataclasses.replace(p, kind="time", mean=-seconds) if p.name == "battery_link" else p for p in run.calibrated
     ]
-    far = dataclasses.replace(scored(run, battery_link=6.0), parameters=infos, calibrated=tuple(own))
+    far = dataclasses.replace(scored(run, battery_link=6.0), parameters=infos, calibrated=tuple(rows))
     finding = about(far, "battery_link lies 6.0")
     assert finding.state == state
     assert ("short beside the time between samples" in finding.text) == (state == "warn")
@@ -192,11 +192,11 @@ def test_a_guess_that_bends_nothing_is_no_caution(run, usual, state):
     """At 3.5 deviations a prior bends a value by 0.16 of its own where it is a 22nd as wide, and by 1.1 at a third."""
     initial = next(info for info in run.parameters if info.kind == "initial")
     infos = [dataclasses.replace(info, observed=info is not initial) for info in run.parameters]
-    own = [
+    records = [
         p | ({"prior_score": -3.5, "usual_score": usual} if p["name"] == initial.name else {})
         for p in run.diagnostics["parameters"]
     ]
-    off = dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": own}, parameters=infos)
+    off = dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": records}, parameters=infos)
     finding = about(off, "where their priors expect them" if state == "good" else "where its prior expects it")
     assert finding.state == state
     assert f"{initial.name} (3.5 deviations below)" in finding.text
@@ -232,8 +232,8 @@ def test_a_duty_cycle_beside_its_interval_may_be_so_by_chance(run):
     beside = dataclasses.replace(run, windows=run.windows | {"test": window.assign(observed_duty_cycle=lowest)})
     finding = about(beside, "No duty cycle in “test” is further from what is predicted than chance allows")
     assert finding.state == "good"
-    assert all("beside it, as may be by chance" in own for own in finding.details)
-    assert [own.where for own in duties(beside)] == ["beside", "beside"]
+    assert all("beside it, as may be by chance" in detail for detail in finding.details)
+    assert [duty.where for duty in duties(beside)] == ["beside", "beside"]
 
 
 def test_one_duty_cycle_is_told_by_its_heater(run):
@@ -324,11 +324,13 @@ def test_coverage_over_all_channels_does_not_stand_alone(run):
 
 
 def test_what_rests_on_a_fixed_number_is_told_and_decides_nothing(run):
-    own = FixedNumbers(0.1, ())
+    fixed_numbers = FixedNumbers(0.1, ())
     emissivity = next(row for row in run.calibrated if row.name == "panel_emissivity")
     width = emissivity.upper - emissivity.lower
     ends = {"considered_lower": emissivity.lower - width, "considered_upper": emissivity.upper + width}
-    resting = dataclasses.replace(run, calibrated=(dataclasses.replace(emissivity, **ends),), fixed_numbers=own)
+    resting = dataclasses.replace(
+        run, calibrated=(dataclasses.replace(emissivity, **ends),), fixed_numbers=fixed_numbers
+    )
     finding = about(resting, "rests on fixed numbers")
     assert finding.title == "What is known of panel_emissivity rests on fixed numbers"
     assert finding.details == ("panel_emissivity: 3.0 times as wide.",)
@@ -338,8 +340,8 @@ def test_what_rests_on_a_fixed_number_is_told_and_decides_nothing(run):
 
 def test_the_numbers_that_values_rest_on_are_told(run):
     record = {"name": "panel_emissivity", "number": "faces.outside.area", "off": 0.06, "change": -0.031}
-    own = dataclasses.replace(run, fixed_numbers=typed(FixedNumbers, {"within": 0.1, "footings": [record]}))
-    assert footing(own).rows == [["panel_emissivity", "faces.outside.area", "6.0%", "−0.031"]]
+    resting = dataclasses.replace(run, fixed_numbers=typed(FixedNumbers, {"within": 0.1, "footings": [record]}))
+    assert footing(resting).rows == [["panel_emissivity", "faces.outside.area", "6.0%", "−0.031"]]
 
 
 def test_a_value_that_is_little_wider_if_fixed_numbers_are_off_is_not_told(run):
@@ -350,12 +352,12 @@ def test_a_value_that_is_little_wider_if_fixed_numbers_are_off_is_not_told(run):
 
 def test_noise_that_lasts_for_longer_than_its_prior_says_is_a_caution_where_there_is_no_heat(run):
     name = "noise.panel_temperature.correlation_time"
-    own = Calibrated(name, "noise", "s", 600.0, 150.0, 2400.0, 22_600.0, 22_600.0, 2000.0, 19_000.0, 26_000.0, 0.4)
+    row = Calibrated(name, "noise", "s", 600.0, 150.0, 2400.0, 22_600.0, 22_600.0, 2000.0, 19_000.0, 26_000.0, 0.4)
 
     def correlated(score):
         rows = [*run.diagnostics["parameters"], {"name": name, "prior_score": score, "usual_score": 0.76}]
         diagnostics = run.diagnostics | {"parameters": rows}
-        return dataclasses.replace(run, calibrated=(*run.calibrated, own), diagnostics=diagnostics)
+        return dataclasses.replace(run, calibrated=(*run.calibrated, row), diagnostics=diagnostics)
 
     found = about(correlated(5.1), "What is left over of panel_temperature lasts for 6 h 16 min")
     assert (found.state, found.not_for) == ("warn", ("intervals of parameters",))
@@ -373,8 +375,8 @@ def test_a_heater_that_switches_beside_its_thresholds_is_told_by_how_much(run):
         least = np.sign(offsets) * np.maximum(np.abs(offsets) - known_to, 0.0)
         of = ("direction", "heater")
         windows = {
-            name: own.assign(threshold_offset=(of, offsets), least_threshold_offset=(of, least))
-            for name, own in run.windows.items()
+            name: window.assign(threshold_offset=(of, offsets), least_threshold_offset=(of, least))
+            for name, window in run.windows.items()
         }
         return dataclasses.replace(run, windows=windows)
 

@@ -51,7 +51,7 @@ def made(run, peak=0.5, gain=0.04, *, scale=0.05, slow=None, diagnostics=None, *
     sizes = run.posterior["posterior"].to_dataset().sizes
     draws = np.random.default_rng(5).normal(size=(sizes["chain"], sizes["draw"]))
     both = ("chain", "draw")
-    values = {own["scale"]: own["size"] for own in model(scale)["groups"]} | {"heat.gains": gain}
+    values = {group["scale"]: group["size"] for group in model(scale)["groups"]} | {"heat.gains": gain}
     values |= {} if slow is None else {"heat.battery.slow": slow}
     groups = {name: group.to_dataset() for name, group in run.posterior.children.items()}
     groups["posterior"] = groups["posterior"].assign({n: (both, v * (1 + 0.1 * draws)) for n, v in values.items()})
@@ -110,8 +110,8 @@ def test_both_axes_of_the_figure_are_of_the_same_heat(run):
 
 
 def test_the_table_has_sizes_in_watts_and_as_shares_of_the_flow(run):
-    own = made(run, peak=0.5)
-    table = heat.sizes(heat.node_heats(own), heat.gains(own))
+    heated = made(run, peak=0.5)
+    table = heat.sizes(heat.node_heats(heated), heat.gains(heated))
     assert [row[0] for row in table.rows] == [*NODES, "gains of all nodes"]
     battery = table.rows[1]
     assert battery[1] == "10.0"
@@ -131,31 +131,31 @@ def test_the_largest_heat_of_each_node_is_that_of_the_table(run):
 # The mean of a cosine's absolute values is 2 / pi of its peak.
 @pytest.mark.parametrize(("peak", "mark", "state"), [(1.4, "–", ""), (1.8, "caution", "warn"), (5.0, "hide", "bad")])
 def test_heat_that_is_large_beside_the_flow_is_marked_in_words(run, peak, mark, state):
-    own = made(run, peak=peak)
-    table = heat.sizes(heat.node_heats(own), heat.gains(own))
+    heated = made(run, peak=peak)
+    table = heat.sizes(heat.node_heats(heated), heat.gains(heated))
     assert mark in table.rows[1][6]
     assert table.state(1, 6) == state
     assert table.rows[0][6] == "–"
-    assert about(own, "Unmodelled heat").state == (state or "good")
+    assert about(heated, "Unmodelled heat").state == (state or "good")
 
 
 def test_heat_that_may_as_well_be_none_is_not_large(run):
     phase = np.linspace(0, 1, 11)
     for spread, share in ((1.0, 2.0 - 1.96), (0.1, 2.0 - 0.196)):
         draws = 2.0 + spread * np.random.default_rng(2).normal(size=(4000, 3, 1))
-        own = made(run, pattern=pattern(draws, phase))
-        battery = heat.node_heats(own)[1]
+        heated = made(run, pattern=pattern(draws, phase))
+        battery = heat.node_heats(heated)[1]
         # Standard error of a 2.5% quantile of 4000 normal draws: 0.042 deviations.
         assert battery.share == pytest.approx(share / battery.flow, abs=0.2 * spread / battery.flow)
-        assert about(own, "Unmodelled heat").state == ("good" if spread == 1.0 else "warn")
+        assert about(heated, "Unmodelled heat").state == ("good" if spread == 1.0 else "warn")
 
 
 @pytest.mark.parametrize(("slow", "told"), [(0.2, False), (0.4, True)])
 def test_heat_that_comes_and_goes_and_is_large_beside_the_flow_is_told(run, slow, told):
-    own = made(run, slow=slow)
-    titles = [found.title for found in every_finding(own) if found.state == "warn"]
+    heated = made(run, slow=slow)
+    titles = [found.title for found in every_finding(heated) if found.state == "warn"]
     assert ("Much of the unmodelled heat comes and goes: battery, 4% of what flows" in titles) == told
-    assert (heat.sizes(heat.node_heats(own), None).state(1, 5) == "warn") == told
+    assert (heat.sizes(heat.node_heats(heated), None).state(1, 5) == "warn") == told
 
 
 @pytest.mark.parametrize(
@@ -173,11 +173,11 @@ def test_heat_that_comes_and_goes_and_is_large_beside_the_flow_is_told(run, slow
 def test_what_acts_on_a_node_with_much_heat_is_doubted_first(run, monkeypatch, target, acts):
     simulator = {"heaters": {"line": {"node": "battery"}}, "faces": {"top": {"node": "panel"}}, "conductors": [{}]}
     first, *others = (dataclasses.replace(info, target=()) for info in run.parameters if info.kind == "parameter")
-    own = dataclasses.replace(first, target=(target,))
-    assert unmodelled._acts_on(own, {"battery"}, simulator) == acts
+    targeted = dataclasses.replace(first, target=(target,))
+    assert unmodelled._acts_on(targeted, {"battery"}, simulator) == acts
     doubted = [*(info.name for info in others), first.name]
     monkeypatch.setattr(unmodelled, "widened", lambda _: doubted)
-    known = dataclasses.replace(run, parameters=[*others, own], scenario=json.dumps({"simulator": simulator}))
+    known = dataclasses.replace(run, parameters=[*others, targeted], scenario=json.dumps({"simulator": simulator}))
     named = [words.rpartition(" ")[2] for words in unmodelled._doubted_by_heat(known, {"battery"})]
     assert named == ([first.name, *doubted[:-1]] if acts else doubted)
 
@@ -185,15 +185,15 @@ def test_what_acts_on_a_node_with_much_heat_is_doubted_first(run, monkeypatch, t
 @pytest.mark.parametrize("measured", [True, False])
 def test_the_duty_of_a_heater_without_a_status_is_doubted_beside_much_heat_in_its_node(run, measured):
     simulator = {"heaters": {"battery_heater": {"node": "battery"}, "payload_heater": {"node": "payload"}}}
-    own = dataclasses.replace(made(run, slow=0.4), scenario=json.dumps({"simulator": simulator}))
-    own.__dict__["heat"] = made(run, slow=0.4).heat
+    heated_run = dataclasses.replace(made(run, slow=0.4), scenario=json.dumps({"simulator": simulator}))
+    heated_run.__dict__["heat"] = made(run, slow=0.4).heat
     if not measured:
         nothing = {name: window.assign(observed_duty_cycle=np.nan * window["observed_duty_cycle"])
-                   for name, window in own.windows.items()}  # fmt: skip
-        heated = own.heat
-        own = dataclasses.replace(own, windows=nothing)
-        own.__dict__["heat"] = heated
-    doubted = [limit for found in unmodelled.heat(own) for limit in found.not_for]
+                   for name, window in heated_run.windows.items()}  # fmt: skip
+        heated = heated_run.heat
+        heated_run = dataclasses.replace(heated_run, windows=nothing)
+        heated_run.__dict__["heat"] = heated
+    doubted = [limit for found in unmodelled.heat(heated_run) for limit in found.not_for]
     assert ("the duty cycle of battery_heater" in doubted) == (not measured)
     assert "the duty cycle of payload_heater" not in doubted
 
@@ -214,29 +214,30 @@ def test_large_gains_are_told(run):
 
 def test_gains_are_marked_as_the_verdict_judges_them(run):
     """By what they are for sure, not by their median."""
-    own = made(run, gain=0.11)
-    assert about(own, "Unmodelled heat").state == "good"
-    assert heat.sizes([], heat.gains(own)).rows[0][-1] == "–"
+    heated = made(run, gain=0.11)
+    assert about(heated, "Unmodelled heat").state == "good"
+    assert heat.sizes([], heat.gains(heated)).rows[0][-1] == "–"
 
 
 def test_a_constant_alone_is_heat_too_and_as_much_is_believed_as_the_scenario_expects(run):
-    own = made(run, scale=0.2, pattern=pattern(0.13 * np.array(FLOW)[:, None] * np.ones((2, 1, 1))))
-    groups = [group for group in own.heat["groups"] if group["part"] != "pattern"]
-    own.__dict__["heat"] = own.heat | {"groups": groups}
-    battery = heat.node_heats(own)[1]
+    heated = made(run, scale=0.2, pattern=pattern(0.13 * np.array(FLOW)[:, None] * np.ones((2, 1, 1))))
+    groups = [group for group in heated.heat["groups"] if group["part"] != "pattern"]
+    heated.__dict__["heat"] = heated.heat | {"groups": groups}
+    battery = heat.node_heats(heated)[1]
     assert (battery.pattern, battery.constant.prior, battery.allowed) == (None, 2.0, 4.0)
     assert battery.share == pytest.approx(0.13)
-    assert about(own, "Unmodelled heat").state == "good"
+    assert about(heated, "Unmodelled heat").state == "good"
 
 
 def test_what_telemetry_proves_at_most_is_the_largest_share(run):
     peaks = np.array([0.06 * 50.0, 0.09 * 10.0, 0.0])[:, None] * np.ones((2, 1, 1))
-    own = made(run, pattern=pattern(peaks))
+    heated = made(run, pattern=pattern(peaks))
     groups = [
-        group | {"size": 4.0 * group["size"] if group["node"] == 1 else group["size"]} for group in own.heat["groups"]
+        group | {"size": 4.0 * group["size"] if group["node"] == 1 else group["size"]}
+        for group in heated.heat["groups"]
     ]
-    own.__dict__["heat"] = own.heat | {"groups": groups}
-    assert "no more than 9.0% of the mean heat through any node (battery)" in about(own, "Unmodelled heat").text
+    heated.__dict__["heat"] = heated.heat | {"groups": groups}
+    assert "no more than 9.0% of the mean heat through any node (battery)" in about(heated, "Unmodelled heat").text
 
 
 def test_parameters_from_which_heat_takes_are_named(run):
@@ -246,14 +247,14 @@ def test_parameters_from_which_heat_takes_are_named(run):
     alone = xr.DataArray(
         [s / factors.get(n, 1.0) for s, n in zip(sd, names, strict=True)], {"parameter": names}, ("parameter",)
     )
-    own = made(run, deviation_without_heat=alone)
-    table = parameters.summary(own)
+    heated = made(run, deviation_without_heat=alone)
+    table = parameters.summary(heated)
     column = table.header.index("with heat, times as wide")
     row = next(row for row in table.rows if row[0].startswith("battery_link"))
     assert row[column] == "3.0"
     assert {len(row) for row in table.rows} == {len(table.header)}
-    assert "Heat takes most from battery_link (3.0):" in parameters.taken_by_heat(own)
-    assert "takes most from battery_link:" in about(own, "Unmodelled heat").text
+    assert "Heat takes most from battery_link (3.0):" in parameters.taken_by_heat(heated)
+    assert "takes most from battery_link:" in about(heated, "Unmodelled heat").text
     assert "times as wide" not in " ".join(parameters.summary(made(run)).header)
 
 
@@ -263,8 +264,10 @@ def test_noise_that_is_held_says_at_what(run):
         for info in run.parameters
         if info.kind == "noise"
     ]
-    own = made(dataclasses.replace(run, parameters=[*run.parameters, *extra]))
-    row = next(r for r in parameters.summary(own).rows if r[0].startswith("noise.panel_temperature.correlation_time"))
+    heated = made(dataclasses.replace(run, parameters=[*run.parameters, *extra]))
+    row = next(
+        r for r in parameters.summary(heated).rows if r[0].startswith("noise.panel_temperature.correlation_time")
+    )
     assert row[2] == "held at 300"
 
 
@@ -283,12 +286,12 @@ def test_where_a_scenario_expects_more_heat_more_is_believed(run, scale, state, 
 
 
 def test_a_failed_gate_of_heat_forbids_the_parameters_alone(run):
-    own = made(run, diagnostics=gated(run, **{"response to heat": "Narrow the priors."}))
-    first = every_finding(own)[0]
+    heated = made(run, diagnostics=gated(run, **{"response to heat": "Narrow the priors."}))
+    first = every_finding(heated)[0]
     assert (first.state, first.not_for) == ("warn", ("parameters",))
     assert first.title == "Do not rely on the parameters: the response to heat is not linear"
     assert "Converged" not in first.text
-    assert about(own, "On unseen telemetry").text.endswith("rests on parameters that cannot be relied on.")
+    assert about(heated, "On unseen telemetry").text.endswith("rests on parameters that cannot be relied on.")
 
 
 def test_several_failed_gates_do_not_say_that_the_chains_converged(run):

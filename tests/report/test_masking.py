@@ -20,7 +20,7 @@ from .cases import with_attributes
 from .packed import drawn, without_scripts
 from .synthetic_run import CHANNELS, HEATERS, PARAMETERS, every_finding
 
-NAMES = [*CHANNELS, *HEATERS, *(own[0] for own in PARAMETERS), "panel", "battery", "payload", "safe_hold", "Toy"]
+NAMES = [*CHANNELS, *HEATERS, *(row[0] for row in PARAMETERS), "panel", "battery", "payload", "safe_hold", "Toy"]
 NAMES += ["sunwatch", "moonwatch"]
 TREACHEROUS = (
     "payload at 285.4 K in safe_hold, battery 12.5 degC, panel_link −3 °C, from 68.0..95.0 degC to 77.4 K and "
@@ -43,27 +43,27 @@ def named(text):
 @pytest.fixture(scope="module")
 def folder(slim_directory, tmp_path_factory):
     """A run that has a name wherever one can stand."""
-    own = shutil.copytree(slim_directory, tmp_path_factory.mktemp("masking") / "Toy")
-    (own / "scenario.yaml").write_text(
+    toy = shutil.copytree(slim_directory, tmp_path_factory.mktemp("masking") / "Toy")
+    (toy / "scenario.yaml").write_text(
         "name: Toy\nsimulator:\n  nodes: {panel: {}, battery: {}, payload: {}}\n  modes: {safe_hold: {}}\n", "utf-8"
     )
-    quality = json.loads((own / "telemetry_quality.json").read_text("utf-8"))
+    quality = json.loads((toy / "telemetry_quality.json").read_text("utf-8"))
     quality[0]["detail"] = TREACHEROUS
     gap = "'sunwatch', 'moonwatch' drive the simulator and have no sample for 9.0 min"
     quality.append(quality[0] | {"channel": "sunwatch, moonwatch", "finding": "bridged", "detail": gap})
-    (own / "telemetry_quality.json").write_text(json.dumps(quality), "utf-8")
-    diagnostics = json.loads((own / "diagnostics.json").read_text("utf-8"))
+    (toy / "telemetry_quality.json").write_text(json.dumps(quality), "utf-8")
+    diagnostics = json.loads((toy / "diagnostics.json").read_text("utf-8"))
     diagnostics["gates"][0]["advice"] = TREACHEROUS
-    (own / "diagnostics.json").write_text(json.dumps(diagnostics), "utf-8")
+    (toy / "diagnostics.json").write_text(json.dumps(diagnostics), "utf-8")
     suspect = {"title": TREACHEROUS, "sentence": TREACHEROUS, "advice": TREACHEROUS}
-    (own / "suspects.json").write_text(json.dumps({"found": [suspect]}), "utf-8")
+    (toy / "suspects.json").write_text(json.dumps({"found": [suspect]}), "utf-8")
     footing = {"name": "panel_emissivity", "number": "faces.panel.area", "off": 0.07, "change": 0.9}
-    results = json.loads((own / "parameters.json").read_text("utf-8"))
+    results = json.loads((toy / "parameters.json").read_text("utf-8"))
     for row in results["parameters"]:
         row |= {"considered_lower": row["lower"] - 3.0, "considered_upper": row["upper"] + 3.0}
     results["fixed_numbers"] = {"within": 0.1, "footings": [footing]}
-    (own / "parameters.json").write_text(json.dumps(results), "utf-8")
-    return own
+    (toy / "parameters.json").write_text(json.dumps(results), "utf-8")
+    return toy
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_another_explanation_s_temperatures_are_less_their_prior_s_median(run):
         run, other_explanations=json.dumps([{"differs": [["initial.battery", 283.1, 290.2]], "below": 1.3}])
     )
     median = next(info.prior_quantiles[1] for info in run.parameters if info.name == "initial.battery")
-    details = next(own.details for own in every_finding(masked(told)) if "explanation" in own.title)
+    details = next(finding.details for finding in every_finding(masked(told)) if "explanation" in finding.title)
     assert details == (
         f"initial.node 2 {290.2 - median:.6g} instead of {283.1 - median:.6g} K: 1.3 nats below the best.",
     )
@@ -116,34 +116,36 @@ def test_another_explanation_s_temperatures_are_less_their_prior_s_median(run):
 def test_temperatures_are_less_a_constant_of_their_channel(run):
     hidden = masked(run)
     for name, window in hidden.windows.items():
-        for own, real in zip(window["channel"].values, run.windows[name]["channel"].values, strict=True):
-            offsets = [column(run.windows[name], v, str(real)) - column(window, v, str(own)) for v in ("observed",)]
+        for alias, real in zip(window["channel"].values, run.windows[name]["channel"].values, strict=True):
+            offsets = [column(run.windows[name], v, str(real)) - column(window, v, str(alias)) for v in ("observed",)]
             offset = np.nanmean(offsets)
             assert np.nanmax(np.abs(offsets - offset)) < 1e-9
             assert offset == pytest.approx(np.nanmean(column(run.windows["train"], "observed", str(real))))
             for variable in ("mean", "lower", "upper"):
                 change = run.windows[name][variable].sel(channel=real, by="stochastic").values
-                change = change - window[variable].sel(channel=own, by="stochastic").values
+                change = change - window[variable].sel(channel=alias, by="stochastic").values
                 np.testing.assert_allclose(change, offset)
 
 
 def test_a_threshold_and_an_initial_temperature_are_less_their_prior_s_median(run):
-    hidden = {own.name: own for own in masked(run).calibrated}
+    hidden = {row.name: row for row in masked(run).calibrated}
     threshold = hidden["parameter 8"]
     assert (threshold.before, threshold.unit) == (0.0, "K")
-    real = next(own for own in run.calibrated if own.name == "battery_threshold")
+    real = next(row for row in run.calibrated if row.name == "battery_threshold")
     assert threshold.mean == pytest.approx(real.mean - real.before)
     assert abs(hidden["initial.node 1"].mean) < 5.0
     assert hidden["parameter 5"].mean == pytest.approx(0.6, abs=0.02)
 
 
 def test_the_verdict_is_the_same_but_for_names(run):
-    assert [own.state for own in every_finding(masked(run))] == [own.state for own in every_finding(run)]
+    assert [finding.state for finding in every_finding(masked(run))] == [
+        finding.state for finding in every_finding(run)
+    ]
 
 
 def test_relative_errors_inputs_and_scenario_are_left_out(run):
     hidden = masked(run)
-    assert not [own for own in hidden.metrics if own.metric.startswith("mape")]
+    assert not [metric for metric in hidden.metrics if metric.metric.startswith("mape")]
     assert len(hidden.metrics) < len(run.metrics)
     assert "inputs" not in hidden.provenance
     assert hidden.scenario == "name: masked"

@@ -297,10 +297,10 @@ def test_it_says_how_the_mode_was_sought_and_which_status_counts(page):
 
 def test_a_chain_that_ran_away_is_shown_and_warns_of_nothing(slim_run, recwarn):
     groups = {name: group.to_dataset() for name, group in read_tree(slim_run / "posterior.nc").children.items()}
-    own = next(iter(groups["posterior"].data_vars))
-    values = groups["posterior"][own].values.copy()
+    variable = next(iter(groups["posterior"].data_vars))
+    values = groups["posterior"][variable].values.copy()
     values[0, 10:], values[1, 3:] = np.inf, 1e300
-    groups["posterior"] = groups["posterior"].assign({own: (("chain", "draw"), values)})
+    groups["posterior"] = groups["posterior"].assign({variable: (("chain", "draw"), values)})
     xr.DataTree.from_dict(groups).to_netcdf(slim_run / "posterior.nc", engine="h5netcdf")
     write_report(slim_run)
     assert not [str(w.message) for w in recwarn if "flightcal" in w.filename or "arviz" in w.filename]

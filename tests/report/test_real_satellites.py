@@ -30,7 +30,7 @@ def short(example: str, folder: Path, *, published: bool = False) -> Path:
     source = EXAMPLES / example
     text = source.read_text(encoding="utf-8")
     text = re.sub(r"(\.\./)+shared/data", str(DATA), text)
-    text = re.sub(r"file: (telemetry\S*)", lambda own: f"file: {source.parent / own[1]}", text)
+    text = re.sub(r"file: (telemetry\S*)", lambda match: f"file: {source.parent / match[1]}", text)
     text = text[: text.index("calibration:")] + SHORT
     if published:
         text = re.sub(r"^heat:\n(  .*\n)+", "", text, flags=re.M) + PUBLISHED
@@ -64,4 +64,4 @@ def test_what_is_seen_of_a_real_satellite_gives_the_decision(tmp_path, example, 
     for screen in SCREENS:
         found = seen[f"run_{screen}"]
         assert (found["cut"], found["sideways"]) == ([], False)
-        assert [own for own in words if own not in found["words"]] == []
+        assert [word for word in words if word not in found["words"]] == []

@@ -168,6 +168,6 @@ def test_a_transform_that_is_not_known_is_not_called_good():
 
 @pytest.mark.parametrize(("score", "words"), [(0.26, "mostly the prior"), (2.05, "moved, as wide")])
 def test_a_value_that_moved_is_not_mostly_the_prior_however_little_surer_it_became(score, words):
-    own = Calibrated("g_bus_bat", "parameter", "W/K", 0.4, 0.207, 0.773, 0.79, 0.79, 0.22, 0.39, 1.19, 0.077)
-    moved = calibrated.moved_far([own], {own.name: PriorScore(score)})
-    assert str(calibrated.table([own], moved=moved).rows[0][-1]) == f"8%\n{words}"
+    row = Calibrated("g_bus_bat", "parameter", "W/K", 0.4, 0.207, 0.773, 0.79, 0.79, 0.22, 0.39, 1.19, 0.077)
+    moved = calibrated.moved_far([row], {row.name: PriorScore(score)})
+    assert str(calibrated.table([row], moved=moved).rows[0][-1]) == f"8%\n{words}"

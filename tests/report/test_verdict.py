@@ -36,7 +36,7 @@ def fitted(run, *, shifted=(), by=5.0):
     windows = {}
     for seed, (name, window) in enumerate(run.windows.items()):
         rng = np.random.default_rng(seed)
-        mean, deviation = (window[own].sel({"by": "stochastic"}).values for own in ("mean", "standard_deviation"))
+        mean, deviation = (window[key].sel({"by": "stochastic"}).values for key in ("mean", "standard_deviation"))
         draws = mean + deviation * rng.normal(size=(300, *mean.shape))
         observed = mean + deviation * rng.normal(size=mean.shape)
         if name != "train":
@@ -136,8 +136,8 @@ def test_intervals_that_hold_are_told_with_the_least_that_they_cover_and_what_tr
 )
 def test_a_share_far_below_the_intervals_is_told_with_what_chance_may_leave(run, monkeypatch, least, chance):
     few = {
-        name: dataclasses.replace(own, coverage=np.full(3, 0.7), lower=np.full(3, least))
-        for name, own in holdings(fitted(run)).items()
+        name: dataclasses.replace(holding, coverage=np.full(3, 0.7), lower=np.full(3, least))
+        for name, holding in holdings(fitted(run)).items()
     }
     monkeypatch.setattr(unseen, "holdings", lambda _: few)
     told = unseen.holding(run)
@@ -211,7 +211,7 @@ def test_the_record_says_the_same_as_the_verdict(run, shifted):
     judged = verdict_of(fitted(run, shifted=shifted))
     record = judged.record
     assert (record["use"], record["exit_code"], record["next"]) == (judged.use, judged.exit_code, judged.then)
-    assert [own["state"] for own in record["answers"]] == [answer.state for answer in judged.answers]
+    assert [answer["state"] for answer in record["answers"]] == [answer.state for answer in judged.answers]
 
 
 def test_the_noise_of_every_window_that_was_trained_on_is_judged(run):
@@ -225,9 +225,9 @@ def test_the_noise_of_every_window_that_was_trained_on_is_judged(run):
 
 def test_an_interval_of_another_probability_is_called_so(run):
     windows = {name: window.assign_attrs(interval=0.8) for name, window in fitted(run).windows.items()}
-    own = dataclasses.replace(fitted(run), windows=windows)
-    assert "inside the 80% interval" in verdict_of(own).answers[2].worst.text
-    words = " ".join(block.text for section in panels(own) for block in section.blocks)
+    narrower = dataclasses.replace(fitted(run), windows=windows)
+    assert "inside the 80% interval" in verdict_of(narrower).answers[2].worst.text
+    words = " ".join(block.text for section in panels(narrower) for block in section.blocks)
     for said in ("predicted mean and 80% interval", "share of telemetry inside the 80% interval; MPIW"):
         assert said in words
 
@@ -249,7 +249,7 @@ def test_where_a_window_is_short_for_its_errors_it_is_said_what_would_be_told(ru
 def errors_of_the_whole_window(run):
     """A right model, each channel of which is off by as much throughout a window."""
     test, rng = run.windows["test"], np.random.default_rng(4)
-    mean, deviation = (test[own].sel({"by": "stochastic"}).values for own in ("mean", "standard_deviation"))
+    mean, deviation = (test[key].sel({"by": "stochastic"}).values for key in ("mean", "standard_deviation"))
     draws = mean + deviation * (3.0 * rng.normal(size=(300, 1, 3)) + rng.normal(size=(300, *mean.shape)))
     held = replicate(seconds_of(test), test["observed"].values, test["scored"].values, draws, 0.95)
     return dataclasses.replace(run, windows=run.windows | {"test": test.assign(**held.dataset().variables)})

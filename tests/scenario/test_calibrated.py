@@ -141,10 +141,10 @@ def test_files_of_packets_are_absolute_too(tmp_path):
 def test_what_is_believed_of_every_number_is_as_before(scenario, tmp_path):
     found = elsewhere(tmp_path, calibrated_text(TEXT, scenario, MEANS))
 
-    def believed(own, path):
-        (parameter,) = (p for p in own.parameters.values() if path in (*p.sets, *p.scales))
+    def believed(version, path):
+        (parameter,) = (p for p in version.parameters.values() if path in (*p.sets, *p.scales))
         quantiles = Priors(("x",), (parameter.prior,)).quantile(np.array([[0.01], [0.5], [0.99]]))[:, 0]
-        return quantiles * (1.0 if parameter.sets else values(own)[path])
+        return quantiles * (1.0 if parameter.sets else values(version)[path])
 
     for path in ("conductors.strap.conductance", "nodes.battery.capacity", "faces.space.emissivity"):
         np.testing.assert_allclose(believed(found, path), believed(scenario, path), rtol=1e-5)

@@ -120,9 +120,9 @@ def test_beside_an_external_simulator_a_discrepancy_stands_for_heat(tmp_path, wr
     file.write_text(f"{EXTERNAL.read_text(encoding='utf-8')}{written}\n", encoding="utf-8")
     scenario = load_scenario(file, telemetry=telemetry)
     file.write_text(resolved_yaml(scenario), encoding="utf-8")
-    for own in (scenario, load_scenario(file)):
-        assert discrepancy_of(own) == discrepancy
-        assert noise_of(own, "battery_temp").model == noise
+    for version in (scenario, load_scenario(file)):
+        assert discrepancy_of(version) == discrepancy
+        assert noise_of(version, "battery_temp").model == noise
 
 
 def test_where_the_length_of_an_orbit_is_not_known_no_discrepancy_comes_again_in_it():
@@ -176,8 +176,8 @@ def without_an_orbit(folder, *angles, followed=(), **heat):
     for name in angles:
         written["telemetry"]["channels"][name] = {"column": "sun", "unit": "deg", "kind": "driver"}
     for name in followed:
-        own = {"node": "panel", "driver": name, "table": [[0, 0], [90, 1]], "coefficient": "1 W"}
-        written["simulator"]["loads"][name] = own
+        heat_load = {"node": "panel", "driver": name, "table": [[0, 0], [90, 1]], "coefficient": "1 W"}
+        written["simulator"]["loads"][name] = heat_load
     return heat_of(load(folder, written))
 
 

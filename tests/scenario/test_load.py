@@ -155,9 +155,9 @@ def test_telemetry_can_be_read_from_another_file(tmp_path):
 
 
 def test_packets_are_looked_for_in_another_folder_each_by_its_name(tmp_path):
-    own = "  file: example.csv\n  time: {column: time, format: iso8601}\n"
+    one_file = "  file: example.csv\n  time: {column: time, format: iso8601}\n"
     packets = "".join(f"    {name}: {{file: {name}.csv, time: {{'column': time}}}}\n" for name in "ab")
-    text = EXAMPLE.read_text().replace(own, f"  packets:\n{packets}")
+    text = EXAMPLE.read_text().replace(one_file, f"  packets:\n{packets}")
     (tmp_path / "scenario.yaml").write_text(text.replace("{column: ", "{packet: b, column: "))
     (tmp_path / "later").mkdir()
     for name in ("a.csv", "b.csv"):

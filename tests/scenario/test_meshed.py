@@ -250,5 +250,7 @@ def test_a_new_scenario_with_a_box_is_simulated(tmp_path):
     for path in (file, written_out, constant):
         done = run(app, ["simulate", str(path), "--out", str(path.with_suffix(".csv"))])
         assert done.exit_code == 0, done.output
-    of_file, of_network, without_slope = (own.with_suffix(".csv").read_text() for own in (file, written_out, constant))
+    of_file, of_network, without_slope = (
+        source.with_suffix(".csv").read_text() for source in (file, written_out, constant)
+    )
     assert of_file == of_network != without_slope

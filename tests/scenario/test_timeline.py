@@ -199,5 +199,5 @@ def test_a_measured_eclipse_names_a_status_channel(tmp_path):
 def test_a_line_is_that_of_the_file_and_nothing_else_is_said_of_it(tmp_path):
     rows = ROWS.replace("\n", "\n\n", 1).replace("imaging", "imagin", 1)
     findings = lint(written(tmp_path, rows))
-    line = next(k for k, own in enumerate(rows.splitlines(), start=1) if "imagin" in own and "imaging" not in own)
+    line = next(k for k, row in enumerate(rows.splitlines(), start=1) if "imagin" in row and "imaging" not in row)
     assert [f"line {line}: found the mode 'imagin'" in finding.message for finding in findings] == [True]

@@ -331,12 +331,12 @@ def test_steps_that_are_divided_bring_the_same_and_end_where_they_shall(tmp_path
     assert len(found.times) == len(drive.times) + 2
     assert set(drive.times) <= set(found.times)
     for edge in (0, 1):
-        ends = [own.times[edge : len(own.times) - 1 + edge] for own in (found, drive)]
+        ends = [steps.times[edge : len(steps.times) - 1 + edge] for steps in (found, drive)]
         for column, known in zip(found.inputs[:, edge].T, drive.inputs[:, edge].T, strict=True):
             here = np.isin(ends[0], ends[1])
             np.testing.assert_allclose(column[here], known[np.isin(ends[1], ends[0])], atol=1e-12)
     theta = small.theta_of(simulator, **small.TRUTH)
-    runs = [replace(simulator, drive=own).simulate(theta).temperatures for own in (found, drive)]
+    runs = [replace(simulator, drive=steps).simulate(theta).temperatures for steps in (found, drive)]
     np.testing.assert_allclose(*runs, atol=1e-4)
 
 

@@ -91,8 +91,8 @@ def test_each_simulation_of_a_batch_has_its_own_heat(tmp_path, count):
 
     together = simulator.with_heat(on_drive).simulate_many(thetas, heat)
 
-    for run, own, of_run in zip(together, thetas, heat, strict=True):
-        alone = simulator.with_heat(on_drive + of_run).simulate(own)
+    for run, parameters, of_run in zip(together, thetas, heat, strict=True):
+        alone = simulator.with_heat(on_drive + of_run).simulate(parameters)
         assert len(alone.switches.time) > 4
         np.testing.assert_allclose(run.temperatures, alone.temperatures, rtol=0.0, atol=1e-8)
         np.testing.assert_allclose(run.duty_cycle, alone.duty_cycle, rtol=0.0, atol=1e-9)
@@ -130,8 +130,8 @@ def test_scattered_thermostats_take_heat_too(tmp_path):
 
     each = simulator.simulate_scattered(thetas, np.random.default_rng(3), heat)
 
-    for k, own in enumerate(heat):
-        on_drive = simulator.with_heat(own).simulate_scattered(thetas, np.random.default_rng(3))[k]
+    for k, of_run in enumerate(heat):
+        on_drive = simulator.with_heat(of_run).simulate_scattered(thetas, np.random.default_rng(3))[k]
         np.testing.assert_allclose(each[k].temperatures, on_drive.temperatures, rtol=0.0, atol=1e-8)
 
 
@@ -169,8 +169,8 @@ def test_the_final_state_is_that_of_the_integration_at_the_windows_end(tmp_path)
 
     many = simulator.simulate_many(np.tile(theta, (9, 1)), heat)
 
-    for own, of_batch in zip(heat, many, strict=True):
-        heated = simulator.with_heat(own)
+    for of_run, of_batch in zip(heat, many, strict=True):
+        heated = simulator.with_heat(of_run)
         whole = integrate(heated.network.structure, heated.system(theta), heated.drive, derivative=False)
         alone = heated.simulate(theta)
         assert alone.final.shape == (2,)
@@ -219,8 +219,8 @@ def test_a_simulation_that_switches_too_often_for_a_lane_comes_again_with_its_he
     in_lanes.simulations[0], in_lanes.thetas[:], in_lanes.integration.acting[:] = 9, thetas, heat
     in_lanes.run_forward.run()
     assert (in_lanes.outputs.outcome == TOO_MANY_SWITCHES).all()
-    for run, own in zip(often.simulate_many(thetas, heat), heat, strict=True):
-        np.testing.assert_array_equal(run.temperatures, often.with_heat(own).simulate(thetas[0]).temperatures)
+    for run, of_run in zip(often.simulate_many(thetas, heat), heat, strict=True):
+        np.testing.assert_array_equal(run.temperatures, often.with_heat(of_run).simulate(thetas[0]).temperatures)
 
 
 def test_heat_on_the_drive_adds_to_what_is_there(tmp_path):

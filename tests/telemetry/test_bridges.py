@@ -32,7 +32,7 @@ def test_short_gaps_and_gaps_outside_of_all_windows_are_not_said(tmp_path):
     scenario, data = case(tmp_path, "previous_orbit", [(50, 52), (185, 205)])
     assert list(bridged(scenario, data)) == []
     data["sun"].values[175:205] = np.nan
-    assert ["window 'train'" in own.detail for own in bridged(scenario, data)] == [True]
+    assert ["window 'train'" in record.detail for record in bridged(scenario, data)] == [True]
 
 
 def test_a_driver_that_drives_nothing_is_not_said(tmp_path):

@@ -136,7 +136,7 @@ def test_values_of_corrupt_frames_are_no_bits_and_no_modes(tmp_path: Path):
     table = pd.DataFrame({"UTC": utc.astype(str), "HTR_WORD": word, "MODE": mode, "TT_BAT": range(1000)})
     table.to_csv(tmp_path / "a.csv", index=False)
     (found,) = detect([tmp_path / "a.csv"])
-    assert [own.bit for own in found.columns if own.kind == "status"] == [1]
+    assert [column.bit for column in found.columns if column.kind == "status"] == [1]
     assert found.modes is not None
     assert set(found.modes.names) == {"mode 1", "mode 2"}
 
@@ -324,7 +324,9 @@ def test_a_file_of_one_parameter_is_called_as_the_file_and_its_days_are_one_pack
     found = detect(files)
     names = [[file.name[:6] for file in packet.files] for packet in found]
     assert names == [["TB3001"] * 2, ["TB3002"] * 2, ["HB3001"]]
-    assert [(own.name, own.called[:6], own.kind, own.unit) for packet in found for own in packet.columns] == [
+    assert [
+        (column.name, column.called[:6], column.kind, column.unit) for packet in found for column in packet.columns
+    ] == [
         ("ENG", "TB3001", "temperature", "degC"),
         ("ENG", "TB3002", "temperature", "degC"),
         ("ENG", "HB3001", "status", None),
@@ -340,7 +342,9 @@ def test_a_value_beside_the_name_of_its_parameter_is_called_so(tmp_path: Path):
     )
     table.to_csv(tmp_path / "data.csv", index=False)
     (found,) = detect([tmp_path / "data.csv"])
-    assert [(own.name, own.called, own.kind) for own in found.columns] == [("value", "EPS battery_temp", "temperature")]
+    assert [(column.name, column.called, column.kind) for column in found.columns] == [
+        ("value", "EPS battery_temp", "temperature")
+    ]
 
 
 def test_numbers_with_their_unit_in_each_cell_are_numbers_in_the_first_ones_unit(tmp_path: Path):
@@ -349,7 +353,7 @@ def test_numbers_with_their_unit_in_each_cell_are_numbers_in_the_first_ones_unit
     table["state"] = ["3 apples"] * len(TIMES)
     table.to_csv(tmp_path / "data.csv", index=False)
     (found,) = detect([tmp_path / "data.csv"])
-    assert [(own.name, own.kind, own.unit) for own in found.columns] == [
+    assert [(column.name, column.kind, column.unit) for column in found.columns] == [
         ("EPS.battery", "temperature", "degC"),
         ("PLD.power", "driver", "W"),
     ]
@@ -458,7 +462,7 @@ def test_raw_readings_beside_their_values_are_left_out(tmp_path: Path):
         table[name] = 280 + np.arange(8)
     table.to_csv(tmp_path / "data.csv", index=False)
     (found,) = detect([tmp_path / "data.csv"])
-    assert [own.name for own in found.columns] == ["TT1_ENG", "TT2", "TT3_RAW"]
+    assert [column.name for column in found.columns] == ["TT1_ENG", "TT2", "TT3_RAW"]
     assert found.left_out == ("TT1_RAW", "RAW_TT2")
 
 

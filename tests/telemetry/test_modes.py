@@ -33,8 +33,8 @@ def test_a_column_of_modes_is_found_with_its_changes(tmp_path: Path, name: str, 
     assert found is not None
     assert found.column == name
     start = TIMES[0].astype("datetime64[s]").astype(float)
-    assert [(own.at - start, own.within) for own in found.changes] == [(0.0, 0.0), (150.0, 60.0)]
-    assert tuple(own.name for own in found.changes) in (("safe", "nominal"), ("mode 0", "mode 4"))
+    assert [(change.at - start, change.within) for change in found.changes] == [(0.0, 0.0), (150.0, 60.0)]
+    assert tuple(change.name for change in found.changes) in (("safe", "nominal"), ("mode 0", "mode 4"))
 
 
 @pytest.mark.parametrize(
@@ -55,17 +55,17 @@ def test_other_columns_tell_no_mode(tmp_path: Path, name: str, cells: list):
 def test_a_file_of_modes_alone_may_have_a_row_for_each_change(tmp_path: Path):
     found = modes_of(tmp_path, table_of("OBC mode", ["safe", "nominal"] * 4).drop(columns="TT_BAT"))
     assert found is not None
-    assert tuple(own.name for own in found.changes) == ("safe", "nominal") * 4
-    assert not any(own.within for own in found.changes)
+    assert tuple(change.name for change in found.changes) == ("safe", "nominal") * 4
+    assert not any(change.within for change in found.changes)
 
 
 def test_changes_go_on_from_file_to_file_in_any_order_and_empty_cells_change_nothing(tmp_path: Path):
     later = table_of("mode", ["nominal", "", "nominal", "nominal", "safe", "safe"], TIMES[:6] + np.timedelta64(8, "m"))
     found = modes_of(tmp_path, later, table_of("mode", ["safe"] * 2 + ["nominal"] * 6))
     assert found is not None
-    assert tuple(own.name for own in found.changes) == ("safe", "nominal", "safe")
+    assert tuple(change.name for change in found.changes) == ("safe", "nominal", "safe")
     start = TIMES[0].astype("datetime64[s]").astype(float)
-    assert [(own.at - start, own.within) for own in found.changes] == [(0.0, 0.0), (90.0, 60.0), (690.0, 60.0)]
+    assert [(change.at - start, change.within) for change in found.changes] == [(0.0, 0.0), (90.0, 60.0), (690.0, 60.0)]
 
 
 LOG = {"activity": ["IMG", "DL", "IMG"], "orbit": [3, 3, 4]}

@@ -82,7 +82,7 @@ def test_samples_of_times_that_are_left_out_are_not_used_ends_included(tmp_path:
     kept = np.setdiff1d(np.arange(20), without)
     xr.testing.assert_equal(dataset["battery"][kept], whole["battery"][kept])
     xr.testing.assert_equal(dataset["sun"], whole["sun"])
-    (record,) = (own for own in quality_table(dataset) if own.channel == "battery")
+    (record,) = (row for row in quality_table(dataset) if row.channel == "battery")
     assert (record.finding, record.samples) == ("left_out", 5)
 
 
@@ -426,7 +426,7 @@ def test_rows_that_a_column_says_are_invalid_are_not_used_whatever_stands_in_the
     valid = np.array([True, True, False, True, False, False, True, True])
     np.testing.assert_array_equal(dataset["battery"].notnull(), valid)
     np.testing.assert_array_equal(dataset["sun"].notnull(), valid & (table["I_OK"] == 1))
-    assert {(own.channel, own.finding, own.samples) for own in quality_table(dataset)} == {
+    assert {(record.channel, record.finding, record.samples) for record in quality_table(dataset)} == {
         ("battery", "invalid_marker", 3), ("sun", "invalid_marker", 4), ("heater", "invalid_marker", 3),
     }  # fmt: skip
     with pytest.raises(TelemetryError, match=r"data\.csv: valid_where: found no column 'OKAY'; nearest: 'OK'"):

@@ -155,7 +155,7 @@ def test_a_name_may_stand_in_two_columns(tmp_path: Path, in_turns: bool):
     (found,) = detect([written(tmp_path, rows)])
     assert found.readings is not None
     assert found.readings.name == ("subsystem", "field")
-    assert {own.name: own.kind for own in found.columns} == {
+    assert {column.name: column.kind for column in found.columns} == {
         "EPS temp": "temperature", "EPS heater": "status", "OBC temp": "temperature",
     }  # fmt: skip
     channels = {
@@ -178,11 +178,13 @@ def test_readings_that_are_marked_invalid_are_not_used(tmp_path: Path):
     (found,) = detect([written(tmp_path, rows)])
     assert found.valid_where == {"quality": "GOOD"}
     channels = {name: {"column": f"{name} temp", "kind": "temperature", "unit": "degC"} for name in ("EPS", "OBC")}
-    own = specification(channels, readings=found.readings, valid_where=found.valid_where)
-    dataset = read_telemetry(own, tmp_path)
+    settings = specification(channels, readings=found.readings, valid_where=found.valid_where)
+    dataset = read_telemetry(settings, tmp_path)
     assert dataset["EPS"].notnull().all()
     np.testing.assert_array_equal(dataset["OBC"].isnull(), np.arange(30) % 5 == 0)
-    assert [(own.channel, own.finding, own.samples) for own in quality_table(dataset)] == [("OBC", "invalid_marker", 6)]
+    assert [(record.channel, record.finding, record.samples) for record in quality_table(dataset)] == [
+        ("OBC", "invalid_marker", 6)
+    ]
 
 
 def test_readings_may_come_in_segments_of_one_channel_each(tmp_path: Path):
@@ -196,4 +198,4 @@ def test_readings_may_come_in_segments_of_one_channel_each(tmp_path: Path):
     (found,) = detect([written(tmp_path, pd.concat(segments))])
     assert found.readings is not None
     assert (found.readings.name, found.readings.value) == (("channel",), "value")
-    assert [own.name for own in found.columns] == ["CADC0872", "CADC0873"]
+    assert [column.name for column in found.columns] == ["CADC0872", "CADC0873"]

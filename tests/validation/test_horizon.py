@@ -42,7 +42,7 @@ def prediction(error, *, offset=0.0, minutes=700, width=4.0, duty=None, unscored
 
 
 def by_place(scores):
-    return {(own.origin, own.channel, own.band): own for own in scores}
+    return {(score.origin, score.channel, score.band): score for score in scores}
 
 
 def test_bands_count_from_the_origin_and_only_what_is_scored():
@@ -99,24 +99,24 @@ def test_the_error_of_a_coverage_is_that_of_repeats():
         noise[0] = rng.standard_normal()
         for t in range(1, 1500):
             noise[t] = 0.9 * noise[t - 1] + np.sqrt(1 - 0.81) * rng.standard_normal()
-        own = by_place(band_scores({"first": prediction(noise, minutes=1500, width=2 * 1.96)}, PERIOD))
-        shares.append(own["first", "body", ALL].coverage)
-        errors.append(own["first", "body", ALL].coverage_error)
+        scores = by_place(band_scores({"first": prediction(noise, minutes=1500, width=2 * 1.96)}, PERIOD))
+        shares.append(scores["first", "body", ALL].coverage)
+        errors.append(scores["first", "body", ALL].coverage_error)
     # A standard deviation from 60 repeats errs by 9%; residuals depend on each other more than hits do.
     assert 0.8 * np.std(shares) < np.mean(errors) < 2.5 * np.std(shares)
 
 
 def test_a_coverage_of_all_samples_has_an_error():
     found = by_place(band_scores({"first": prediction(np.random.default_rng(1).normal(0, 0.1, 700))}, PERIOD))
-    own = found["first", "body", ALL]
-    assert own.coverage == 1.0
-    assert 0.0 < own.coverage_error < 0.05
+    score = found["first", "body", ALL]
+    assert score.coverage == 1.0
+    assert 0.0 < score.coverage_error < 0.05
 
 
 def test_duty_is_held_to_the_interval_of_the_draws():
     inside, outside = prediction(0.0, duty=0.25), prediction(0.0, duty=0.5)
     found = duty_scores({"first": inside, "second": outside, "third": prediction(0.0, duty=np.nan)})
-    assert [(own.origin, own.hit) for own in found] == [("first", True), ("second", False)]
+    assert [(score.origin, score.hit) for score in found] == [("first", True), ("second", False)]
     assert (found[0].mean, found[0].lower, found[0].upper) == pytest.approx((0.3, 0.205, 0.395))
 
 

@@ -48,9 +48,9 @@ def test_an_origin_trains_up_to_its_time_and_predicts_to_the_horizon_or_the_tele
         assert abs(origin.time - origin.start - 3 * HOUR) <= MINUTE
     assert plan.origins[0].end - plan.origins[0].time == 12 * HOUR
     assert plan.origins[-1].end == scenario[1]["time"].values[-1] + MINUTE
-    own = plan.origins[1].scenario(scenario[0])
-    assert own.train_windows == ("train",)
-    assert np.datetime64(own.windows["train"].end) == np.datetime64(own.windows["ahead"].start)
+    of_origin = plan.origins[1].scenario(scenario[0])
+    assert of_origin.train_windows == ("train",)
+    assert np.datetime64(of_origin.windows["train"].end) == np.datetime64(of_origin.windows["ahead"].start)
 
 
 def test_origins_stand_beside_passes_where_samples_come_in_passes_alone(scenario):

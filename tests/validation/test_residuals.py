@@ -239,8 +239,8 @@ def irregular(kind: str, correlation_time: float, size: int, rng: np.random.Gene
     rho = np.exp(-np.diff(seconds) / correlation_time)
     noise = rng.normal(size=size)
     series = noise.copy()
-    for k, own in enumerate(rho, start=1):
-        series[k] = own * series[k - 1] + math.sqrt(1 - own**2) * noise[k]
+    for k, correlation in enumerate(rho, start=1):
+        series[k] = correlation * series[k - 1] + math.sqrt(1 - correlation**2) * noise[k]
     distance = np.abs(np.subtract.outer(seconds, seconds))
     factor = math.sqrt(np.exp(-distance / correlation_time).sum() / size)
     return series, START + (seconds * 1e9).astype("timedelta64[ns]"), factor

@@ -84,7 +84,7 @@ def detect(files: list[Path]) -> list[FoundPacket]:
             else:
                 same.append(packet)
     found = [reduce(_together, packets) for packets in alike]
-    return [_of_usual_epoch(packet, [own for own in found if own is not packet]) for packet in found]
+    return [_of_usual_epoch(packet, [other for other in found if other is not packet]) for packet in found]
 
 
 def _of_usual_epoch(packet: FoundPacket, others: list[FoundPacket]) -> FoundPacket:

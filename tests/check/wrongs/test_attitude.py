@@ -40,8 +40,8 @@ def test_quaternions_of_another_convention_are_named(tmp_path, read, named_of):
     written, true = boxed(), (0.5, 0.1, 0.7, 0.5)
     written["environment"]["attitude"] = pointed(true)
     _, data = small.closed_loop(tmp_path, written)
-    for own in written["environment"]["attitude"]["named"].values():
-        own["inertial"] = list(read(*own["inertial"]))
+    for attitude in written["environment"]["attitude"]["named"].values():
+        attitude["inertial"] = list(read(*attitude["inertial"]))
     scenario, _ = small.load(tmp_path, written)
     first = named_of(scenario, data, "attitude", "faces")[0]
     assert (first.kind, first.about) == ("attitude", "quaternions")
@@ -53,8 +53,8 @@ def test_a_timeline_of_attitudes_that_is_late_is_named_with_the_minutes(tmp_path
     written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
     scenario, data = small.closed_loop(tmp_path, written)
     assert named(scenario, data) == ()
-    for own, at in zip(written["environment"]["attitude"]["timeline"], ("00:17", "01:27", "02:37"), strict=True):
-        own["at"] = f"2024-03-01T{at}:00"
+    for change, at in zip(written["environment"]["attitude"]["timeline"], ("00:17", "01:27", "02:37"), strict=True):
+        change["at"] = f"2024-03-01T{at}:00"
     scenario, _ = small.load(tmp_path, written)
     first = named(scenario, data)[0]
     assert (first.kind, first.about) == ("attitude", "timeline")

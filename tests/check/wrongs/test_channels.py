@@ -134,21 +134,21 @@ def test_a_sensor_that_reads_another_node_is_not_between_the_two(flown):
     noise = 0.1 * np.random.default_rng(5).standard_normal(data.sizes["time"])
     found = named(scenario, spoilt(data, panel_temp=data["body_temp"].values + noise))
     assert found
-    assert "between" not in [own.kind for own in found]
+    assert "between" not in [suspicion.kind for suspicion in found]
 
 
 def test_a_second_sensor_of_a_node_that_takes_another_s_only_one_is_told_apart(tmp_path):
     view = prepared(*small.closed_loop(tmp_path, of_three()))
-    read = {name: own.node for name, own in view.window.scenario.observations.items()}
-    for own in other_nodes(view):
-        node = own.words.title.split(" is of ")[1].split(",")[0]
-        only = list(read.values()).count(read[own.about]) == 1
-        assert (own.kind == "doubled") == (only and node in read.values()), own.words.title
+    read = {name: observation.node for name, observation in view.window.scenario.observations.items()}
+    for wrong in other_nodes(view):
+        node = wrong.words.title.split(" is of ")[1].split(",")[0]
+        only = list(read.values()).count(read[wrong.about]) == 1
+        assert (wrong.kind == "doubled") == (only and node in read.values()), wrong.words.title
 
 
 def test_columns_are_tried_as_shifted_by_one(tmp_path):
     view = prepared(*small.closed_loop(tmp_path, of_three()))
-    shifted = [own.observed for own in swaps(view) if own.words.title == "Every channel is its neighbour's"]
+    shifted = [wrong.observed for wrong in swaps(view) if wrong.words.title == "Every channel is its neighbour's"]
     assert len(shifted) == 2
     for k, by in enumerate((1, -1)):
         np.testing.assert_array_equal(shifted[k], view.observed[:, [by % 3, (1 + by) % 3, (2 + by) % 3]])
@@ -157,14 +157,14 @@ def test_columns_are_tried_as_shifted_by_one(tmp_path):
 def test_any_three_of_more_channels_are_tried_as_each_others_both_ways():
     truth = np.array([[1.0, 2.0, 3.0, 4.0]])
     view = SimpleNamespace(channels=("a", "b", "c", "d"), observed=truth[:, [2, 0, 1, 3]])
-    turned = [own for own in swaps(view) if own.words.title.endswith("are each other's")]
-    assert len({tuple(own.observed[0]) for own in turned}) == len(turned) == 8
-    (right,) = [own for own in turned if (own.observed == truth).all()]
+    turned = [wrong for wrong in swaps(view) if wrong.words.title.endswith("are each other's")]
+    assert len({tuple(wrong.observed[0]) for wrong in turned}) == len(turned) == 8
+    (right,) = [wrong for wrong in turned if (wrong.observed == truth).all()]
     assert right.words.sentence.startswith("With the readings of b for a, of c for b and of a for c")
 
 
 def test_of_a_channel_of_no_place_the_driver_of_its_nodes_load_is_told_too(flown):
     view = prepared(*flown)
-    sentences = {own.about: own.words.sentence for own in unrelated(view)}
+    sentences = {wrong.about: wrong.words.sentence for wrong in unrelated(view)}
     assert "or sun, which a load of it follows, is another column." in sentences["panel_temp"]
     assert "follows" not in sentences["body_temp"]

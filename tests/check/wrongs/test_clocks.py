@@ -93,7 +93,9 @@ def test_a_clock_of_another_zone_is_named_with_the_hours(tmp_path):
     )
     found = named(scenario.model_copy(update={"windows": {"train": moved}}), late)[:2]
     # Without modes whole orbits more or less are as good.
-    assert ("clock", "The telemetry's clock is 5.5 h late") in [(own.kind, own.title) for own in found]
+    assert ("clock", "The telemetry's clock is 5.5 h late") in [
+        (suspicion.kind, suspicion.title) for suspicion in found
+    ]
 
 
 @pytest.mark.slow
@@ -101,7 +103,7 @@ def test_a_clock_that_goes_too_fast_is_named(tmp_path):
     scenario, data = small.closed_loop(tmp_path, sunlit())
     times = data["time"].values
     fast = data.assign_coords(time=times[0] + ((times - times[0]) * 1.05))
-    found = {own.about: own for own in named(scenario, fast)[:2]}
+    found = {suspicion.about: suspicion for suspicion in named(scenario, fast)[:2]}
     assert found["rate"].kind == "clock"
     assert "too fast" in found["rate"].title
 
@@ -116,17 +118,18 @@ def test_without_an_orbit_all_temperatures_together_are_tried_beside_several_dri
     scenario, data = small.load(tmp_path, written, columns={"other": other})
     view = prepared(scenario, small.telemetry_of(scenario, data))
     assert not list(temperature_clocks(alone))
-    tried = {own.words.title: own for own in temperature_clocks(view)}
+    tried = {wrong.words.title: wrong for wrong in temperature_clocks(view)}
     assert "body_temp and panel_temp are 60.0 min late" in tried
     # The telemetry begins with the window: of its three hours less than 70% would be left.
     assert "body_temp and panel_temp are 60.0 min early" not in tried
-    assert np.isfinite([own.odds for own in tried.values()]).all()
+    assert np.isfinite([wrong.odds for wrong in tried.values()]).all()
 
 
 def in_packets(scenario, packets):
     """The scenario with channels in packets."""
     channels = {
-        name: own.model_copy(update={"packet": packets.get(name)}) for name, own in scenario.telemetry.channels.items()
+        name: channel.model_copy(update={"packet": packets.get(name)})
+        for name, channel in scenario.telemetry.channels.items()
     }
     return scenario.model_copy(update={"telemetry": scenario.telemetry.model_copy(update={"channels": channels})})
 
@@ -157,7 +160,7 @@ def test_the_packet_of_all_temperatures_is_late_beside_status_and_drivers(flown)
     scenario, data = flown
     split = in_packets(scenario, {"body_temp": "tcs", "panel_temp": "tcs", "heater_status": "eps", "sun": "eps"})
     early = {name: np.roll(data[name].values, -12) for name in ("heater_status", "sun")}
-    titles = {own.about: own.title.split() for own in named(split, spoilt(data, **early))}
+    titles = {suspicion.about: suspicion.title.split() for suspicion in named(split, spoilt(data, **early))}
     title = titles["body_temp panel_temp"]
     assert title[1] == "tcs"
     assert title[5] == "late"
@@ -177,7 +180,7 @@ def test_no_clock_is_off_by_less_than_lies_between_two_samples_of_what_heats(flo
     seldom = np.where(np.arange(data.sizes["time"]) % 15 == 0, data["sun"].to_numpy(), np.nan)
     view = prepared(scenario, spoilt(data, sun=seldom))
     assert view.apart(["sun"]) == 900.0
-    assert {own.words.title for own in clocks(view, [600.0, 1200.0])} == {"The telemetry's clock is 20.0 min late"}
+    assert {wrong.words.title for wrong in clocks(view, [600.0, 1200.0])} == {"The telemetry's clock is 20.0 min late"}
 
 
 def test_no_status_is_late_by_less_than_lies_between_two_of_its_samples(flown):
@@ -191,7 +194,7 @@ def test_no_channel_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     scenario, data = flown
     seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["panel_temp"].to_numpy(), np.nan)
     view = prepared(scenario, spoilt(data, panel_temp=seldom))
-    assert {(own.about, own.words.title) for own in channel_clocks(view, [300.0], [["body_temp"]])}
+    assert {(wrong.about, wrong.words.title) for wrong in channel_clocks(view, [300.0], [["body_temp"]])}
     assert not list(channel_clocks(view, [300.0], [["panel_temp"]]))
 
 

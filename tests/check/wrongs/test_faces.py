@@ -30,7 +30,7 @@ def test_a_body_that_tumbles_is_named(tmp_path):
 def test_two_faces_that_are_exchanged_are_named(tmp_path, name):
     written = boxed()
     faces = written["simulator"]["faces"] = {
-        name if own == "outside" else own: face for own, face in written["simulator"]["faces"].items()
+        name if key == "outside" else key: face for key, face in written["simulator"]["faces"].items()
     }
     scenario, _ = small.load(tmp_path, written)
     faces["ahead"]["normal"], faces[name]["normal"] = faces[name]["normal"], faces["ahead"]["normal"]
@@ -136,7 +136,7 @@ def test_axes_of_the_other_hand_are_named(tmp_path):
         face["normal"] = [-x, y, z]
     scenario, _ = small.load(tmp_path, written)
     # The Sun is in the orbit's plane, so half a turn about z looks the same.
-    (found,) = [own for own in named(scenario, data) if own.about == "hand"]
+    (found,) = [suspicion for suspicion in named(scenario, data) if suspicion.about == "hand"]
     assert found.title == "The body's axes are of the other hand"
     assert "turned to -x, +y, +z" in found.sentence
 
@@ -162,7 +162,7 @@ def test_two_wings_whose_sides_are_exchanged_are_named_together(tmp_path):
         front["normal"], back["normal"] = back["normal"], front["normal"]
     _, data = small.closed_loop(tmp_path, model)
     # With so few other faces all may as well be turned.
-    titles = {own.title for own in named(scenario, data)}
+    titles = {suspicion.title for suspicion in named(scenario, data)}
     assert titles == {
         "The body's axes are others",
         "The body's axes are of the other hand",

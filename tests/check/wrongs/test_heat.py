@@ -76,20 +76,24 @@ def test_heat_whose_times_a_status_tells_is_likelier_than_heat_whose_times_the_t
     heater = scenario.simulator.heaters["heater"].model_copy(update={"measured_by": None})
     simulator = scenario.simulator.model_copy(update={"heaters": {}})
     assert heater.node == "body"
-    observations = {name: own for name, own in scenario.observations.items() if own.heater is None}
+    observations = {
+        name: observation for name, observation in scenario.observations.items() if observation.heater is None
+    }
     update = {"simulator": simulator, "observations": observations, "parameters": {}}
     view = prepared(scenario.model_copy(update=update), data)
-    odds = {bool("heater_status" in own.words(SimpleNamespace(added=[1.0])).sentence): own.odds
-            for own in missing_heat(view) if own.about == "body"}  # fmt: skip
+    odds = {bool("heater_status" in wrong.words(SimpleNamespace(added=[1.0])).sentence): wrong.odds
+            for wrong in missing_heat(view) if wrong.about == "body"}  # fmt: skip
     assert odds[False] > odds[True] + 2.0
 
 
 def test_heat_that_is_missing_all_the_time_is_tried_at_every_node(flown):
     view = prepared(*flown)
-    found = {own.about: own for own in constant_heat(view)}
+    found = {wrong.about: wrong for wrong in constant_heat(view)}
     assert set(found) == {"body", "panel"}
     t = len(view.rows.kept)
-    warmer = {name: _warmer(view, own.window).reshape(-1)[: 2 * t].reshape(2, t)[:, -1] for name, own in found.items()}
+    warmer = {
+        name: _warmer(view, wrong.window).reshape(-1)[: 2 * t].reshape(2, t)[:, -1] for name, wrong in found.items()
+    }
     body, panel = (view.channels.index(f"{name}_temp") for name in ("body", "panel"))
     assert warmer["panel"][panel] > warmer["panel"][body] > 0.0
     assert warmer["body"][body] > warmer["body"][panel] > 0.0
@@ -103,7 +107,7 @@ def _warmer(view, window):
 def test_heat_that_is_missing_all_the_time_is_more_usual_heat_too(flown):
     """With more heat a node's links and its unmodelled heat do more; a bias, that has neither, is no better."""
     view = prepared(*flown)
-    always = next(own for own in constant_heat(view) if own.about == "panel")
+    always = next(wrong for wrong in constant_heat(view) if wrong.about == "panel")
     k = view.heat.nodes.index("panel")
     assert view.heat_of(always.window).flow[k] > 1.1 * view.heat.flow[k]
 
@@ -132,7 +136,7 @@ def test_less_in_a_node_all_the_time_than_written_is_named_beside_a_bias(tmp_pat
     _, data = small.closed_loop(tmp_path, written)
     written["simulator"]["modes"]["idle"]["panel"] = "24 W"
     scenario, _ = small.load(tmp_path, written)
-    titles = [own.title for own in named(scenario, data)]
+    titles = [suspicion.title for suspicion in named(scenario, data)]
     (always,) = (title for title in titles if title.endswith("than the scenario says, all the time"))
     assert always.startswith("panel takes ")
     assert float(always.split()[2]) == pytest.approx(16.0, rel=0.2)
@@ -151,7 +155,7 @@ def test_a_timeline_of_another_time_zone_is_named_with_the_hours(tmp_path):
     written["simulator"]["timeline"] = timeline + [{"at": f"{t}:00", "mode": mode[k % 2]} for k, t in enumerate(late)]
     scenario, _ = small.load(tmp_path, written)
     # No face is lit here: the telemetry's clock could be off as well.
-    assert "The timeline of modes is 5 h late" in [own.title for own in named(scenario, data)]
+    assert "The timeline of modes is 5 h late" in [suspicion.title for suspicion in named(scenario, data)]
 
 
 def test_modes_that_are_exchanged_are_named(tmp_path):
@@ -193,7 +197,9 @@ def test_a_heater_that_is_missing_may_be_much_stronger_than_what_flows_through_i
     written["simulator"]["heaters"]["heater"]["power"] = "60 W"
     scenario, data = small.closed_loop(tmp_path, written)
     simulator = scenario.simulator.model_copy(update={"heaters": {}})
-    observations = {name: own for name, own in scenario.observations.items() if own.heater is None}
+    observations = {
+        name: observation for name, observation in scenario.observations.items() if observation.heater is None
+    }
     first = named(scenario.model_copy(update={"simulator": simulator, "observations": observations}), data)[0]
     assert (first.kind, first.about) == ("missing heat", "body")
     assert 30.0 < float(first.sentence.split()[1]) < 90.0
@@ -201,8 +207,10 @@ def test_a_heater_that_is_missing_may_be_much_stronger_than_what_flows_through_i
 
 def without_its_heater(scenario):
     """The scenario with neither its heater nor the status of that, and with no parameters."""
-    channels = {name: own for name, own in scenario.telemetry.channels.items() if own.kind != "status"}
-    observations = {name: own for name, own in scenario.observations.items() if own.heater is None}
+    channels = {name: channel for name, channel in scenario.telemetry.channels.items() if channel.kind != "status"}
+    observations = {
+        name: observation for name, observation in scenario.observations.items() if observation.heater is None
+    }
     update = {
         "simulator": scenario.simulator.model_copy(update={"heaters": {}}),
         "telemetry": scenario.telemetry.model_copy(update={"channels": channels}),
@@ -223,9 +231,10 @@ def test_times_of_a_missing_heater_are_known_to_about_the_time_between_two_readi
     scenario, data = flown
     view = prepared(without_its_heater(scenario), data.isel(time=slice(None, None, 3)))
     base = view.point(view.window, view.middle)
-    own = next(wrong for wrong in missing_heat(view) if wrong.about == "body")
+    missing = next(wrong for wrong in missing_heat(view) if wrong.about == "body")
     exact, shifted = (
-        climbed(view, view.window, view.observed, base, columns) for columns in (own.columns[:, :1], own.columns)
+        climbed(view, view.window, view.observed, base, columns)
+        for columns in (missing.columns[:, :1], missing.columns)
     )
     assert shifted.evidence > exact.evidence + 10.0
 

@@ -27,7 +27,7 @@ def test_swapped_statuses_are_exchanged_by_what_tells_them_apart(tmp_path, colum
     scenario, data = small.load(tmp_path, written, columns={"other": 0})
     view = prepared(scenario, data)
     assert view is not None
-    advice = [own.words.advice for own in statuses(view) if "swapped" in own.words.title]
+    advice = [wrong.words.advice for wrong in statuses(view) if "swapped" in wrong.words.title]
     assert advice == [f"Exchange '{key}' of heater_status and other_status in 'telemetry: channels'"]
 
 
@@ -48,8 +48,8 @@ def test_no_power_is_tried_that_is_about_right(tmp_path):
     del written["parameters"]["power"]
     view = prepared(*small.closed_loop(tmp_path, written))
     place = view.network.network.paths.index("heaters.heater.power")
-    nearer = [near for own in heaters(view) if own.closer for close in own.closer() for near in close.closer()]
-    powers = [own.window.network.mapping.written[place] for own in nearer if own.window is not None]
+    nearer = [near for wrong in heaters(view) if wrong.closer for close in wrong.closer() for near in close.closer()]
+    powers = [wrong.window.network.mapping.written[place] for wrong in nearer if wrong.window is not None]
     tried = np.array(powers) / 30.0
     assert np.min(np.abs(tried - 1.0)) == pytest.approx(0.25, abs=0.15)
     assert np.min(np.abs(tried - 1.0)) >= 0.25
@@ -132,7 +132,7 @@ def test_a_heater_that_has_lost_a_string_is_named_with_the_time(tmp_path):
     weak = data.copy(deep=True)
     for k, channel in enumerate(simulator.channels):
         weak[channel].values[inside] = (read + noise)[:, k]
-    (first,) = [own for own in named(scenario, weak) if own.kind == "heater"]
+    (first,) = [suspicion for suspicion in named(scenario, weak) if suspicion.kind == "heater"]
     assert first.about == "heater from a time on"
     assert 0.3 < float(first.title.split(" has ")[1].split()[0]) < 0.7
     hour, minute = map(int, first.title.split("T")[1].split()[0].split(":"))
@@ -146,8 +146,8 @@ def test_all_heaters_are_tried_together(tmp_path):
     del written["parameters"]["power"]
     view = prepared(*small.closed_loop(tmp_path, written))
     powers = [view.network.network.paths.index(f"heaters.{name}.power") for name in ("heater", "second")]
-    together = [own for own in heaters(view) if own.about == "every heater"]
-    assert [own.window.network.mapping.written[powers].tolist() for own in together] == [
+    together = [wrong for wrong in heaters(view) if wrong.about == "every heater"]
+    assert [wrong.window.network.mapping.written[powers].tolist() for wrong in together] == [
         [30.0 * factor, 10.0 * factor] for factor in (0.25, 0.5, 2.0, 4.0)
     ]
 

@@ -25,11 +25,11 @@ def test_altitudes_that_are_off_by_kilometres_are_tried(tmp_path):
     written = sunlit()
     view = prepared(*small.closed_loop(tmp_path, written))
     height = float(written["environment"]["orbit"]["altitude"].split()[0])
-    tried = [own for own in orbits(view) if own.about == "altitude"]
-    shares = np.array([float(own.words.sentence.split(" altitude ")[1].split()[0]) for own in tried]) / height - 1.0
+    tried = [wrong for wrong in orbits(view) if wrong.about == "altitude"]
+    shares = np.array([float(wrong.words.sentence.split(" altitude ")[1].split()[0]) for wrong in tried]) / height - 1.0
     for share in (-0.05, -0.015, 0.013, 0.03):
         assert np.abs(shares - share).min() < 0.011, shares
-    nearer = [own.words.sentence for own in tried[int(np.abs(shares - 0.01).argmin())].closer()]
+    nearer = [wrong.words.sentence for wrong in tried[int(np.abs(shares - 0.01).argmin())].closer()]
     assert any(f"altitude {1.013 * height:.0f} km" in sentence for sentence in nearer), nearer
 
 
@@ -69,10 +69,10 @@ def test_an_epoch_that_is_days_or_a_year_off_is_tried(tmp_path, elements, epoch,
         orbit["epoch"] = epoch
     scenario, _ = small.load(tmp_path, written)
     view = prepared(scenario, data)
-    (wrong,) = [own for own in epochs(view) if f"epoch {how}" in own.words.sentence]
+    (wrong,) = [tried for tried in epochs(view) if f"epoch {how}" in tried.words.sentence]
     assert (wrong.kind, wrong.about) == ("orbit", "epoch")
     expected = right.simulated(right.window, right.middle)
-    apart = [np.abs(view.simulated(own, right.middle) - expected).max() for own in (wrong.window, view.window)]
+    apart = [np.abs(view.simulated(window, right.middle) - expected).max() for window in (wrong.window, view.window)]
     assert apart[0] < 0.3 < 2.0 < apart[1]
 
 
@@ -90,7 +90,7 @@ def test_an_orbits_radius_that_is_written_as_its_altitude_is_named(tmp_path):
 def test_a_node_that_is_a_degree_off_is_tried(tmp_path):
     """In an orbit over the terminator eclipses tell as little."""
     view = prepared(*small.closed_loop(tmp_path, sunlit()))
-    tried = " ".join(own.words.sentence for own in orbits(view) if own.about == "ltan")
+    tried = " ".join(wrong.words.sentence for wrong in orbits(view) if wrong.about == "ltan")
     assert all(f"ltan {time}:" in tried for time in ("11:52", "11:56", "12:04", "12:08", "13:00"))
 
 
@@ -122,7 +122,7 @@ def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
     orbit, data = flown_on_an_ellipse(tmp_path, written)
     orbit["semi_major_axis"] = "6800 km"
     scenario, _ = small.load(tmp_path, written)
-    assert "orbit" in {own.kind for own in named(scenario, data)}
+    assert "orbit" in {suspicion.kind for suspicion in named(scenario, data)}
 
 
 @pytest.mark.slow
@@ -133,7 +133,7 @@ def test_the_place_in_an_ellipse_is_named(tmp_path):
     orbit["mean_anomaly"] = "120 deg"
     scenario, _ = small.load(tmp_path, written)
     # Without modes a late clock is as good.
-    assert "The orbit has another mean anomaly" in [own.title for own in named(scenario, data)]
+    assert "The orbit has another mean anomaly" in [suspicion.title for suspicion in named(scenario, data)]
 
 
 @pytest.mark.slow
@@ -168,12 +168,14 @@ def test_two_line_elements_of_another_orbit_are_named_by_what_differs(tmp_path, 
     _, data = small.closed_loop(tmp_path, written)
     written["environment"]["orbit"]["tle"][1] = checked(LINES[1][: place.start] + text + LINES[1][place.stop :])
     scenario, _ = small.load(tmp_path, written)
-    assert title in [own.title for own in named(scenario, data)]
+    assert title in [suspicion.title for suspicion in named(scenario, data)]
 
 
 def checked(line):
     """A line of two-line elements with the checksum that it should have."""
-    return line[:68] + str(sum(int(own) if own.isdigit() else own == "-" for own in line[:68]) % 10)
+    return line[:68] + str(
+        sum(int(character) if character.isdigit() else character == "-" for character in line[:68]) % 10
+    )
 
 
 def test_angles_of_an_orbit_that_are_exchanged_or_of_another_kind_are_tried(tmp_path):
@@ -181,7 +183,7 @@ def test_angles_of_an_orbit_that_are_exchanged_or_of_another_kind_are_tried(tmp_
     elements = {"semi_major_axis": "13000 km", "eccentricity": 0.4, "inclination": "60 deg"}
     _, data = flown_on_an_ellipse(tmp_path, written, **elements, argument_of_perigee="200 deg", mean_anomaly="20 deg")
     view = prepared(small.load(tmp_path, written)[0], data)
-    tried = {own.words.title: own.words.sentence for own in misread_angles(view)}
+    tried = {wrong.words.title: wrong.words.sentence for wrong in misread_angles(view)}
     assert (
         "With raan: 200 deg and argument_of_perigee: 340 deg"
         in tried["raan and argument_of_perigee of the orbit are exchanged"]
@@ -210,9 +212,9 @@ def test_another_place_names_the_keys_of_its_orbit_and_a_time_zone(tmp_path, lat
     written["simulator"]["modes"] = {"idle": {"body": "1 W"}}
     written["simulator"]["timeline"] = [{"at": "2024-02-29T12:00:00", "mode": "idle"}]
     _, data = flown_on_an_ellipse(tmp_path, written)
-    (own,) = places(prepared(small.load(tmp_path, written)[0], data), [late])
+    (wrong,) = places(prepared(small.load(tmp_path, written)[0], data), [late])
     expected = f"Check 'epoch' and 'mean_anomaly' in 'environment: orbit'{zone}"
-    assert own.words.advice.removesuffix(" of the telemetry and the timeline") == expected
+    assert wrong.words.advice.removesuffix(" of the telemetry and the timeline") == expected
 
 
 @pytest.mark.parametrize(("inclination", "told"), [("0.05 deg", True), ("30 deg", False)])
@@ -222,5 +224,5 @@ def test_near_the_equator_a_node_is_told_with_the_angles_in_the_plane(tmp_path, 
         "altitude": "600 km", "inclination": inclination, "raan": "10 deg", "epoch": "2024-03-01T00:00:00"
     }  # fmt: skip
     view = prepared(*small.closed_loop(tmp_path, written))
-    own = next(own for own in orbits(view) if own.about == "raan")
-    assert ("and the other angles in its plane" in own.words.advice) == told
+    node = next(wrong for wrong in orbits(view) if wrong.about == "raan")
+    assert ("and the other angles in its plane" in node.words.advice) == told

@@ -15,7 +15,7 @@ from ..cases import boxed, named, pointed
 def spans(title):
     """An attitude, and from when to when it was."""
     _, attitude, rest = title.split("'")
-    begin, end = (datetime.fromisoformat(own) for own in rest.split()[1:4:2])
+    begin, end = (datetime.fromisoformat(time) for time in rest.split()[1:4:2])
     return attitude, begin, end
 
 

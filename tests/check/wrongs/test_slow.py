@@ -45,7 +45,7 @@ def test_a_slow_sensor_that_the_scenario_knows_of_is_no_wrong(flown):
 def test_a_slow_sensor_of_a_thermostat_explains_that_it_is_disobeyed(flown):
     scenario, data = flown
     slow = spoilt(data, body_temp=followed(data["body_temp"].values, 20.0))
-    assert "thermostat" not in {own.kind for own in named(scenario, slow)}
+    assert "thermostat" not in {suspicion.kind for suspicion in named(scenario, slow)}
 
 
 def test_a_smoothed_channel_is_named_with_the_time(flown):

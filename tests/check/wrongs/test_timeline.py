@@ -60,7 +60,7 @@ def test_stretches_keep_their_order_and_lie_between_two_of_the_same_mode(tmp_pat
     changes = [*FLOWN[:3], (60, "busy"), (65, "idle"), *FLOWN[3:]]
     view = prepared(*small.closed_loop(tmp_path, satellite(changes)))
     assert view is not None
-    found = [(own.about, own.words.title) for own in stretches(view)]
+    found = [(wrong.about, wrong.words.title) for wrong in stretches(view)]
     # Not the mode in which it is most of the time; the last begins after the window.
     assert {about for about, _ in found} == {f"timeline {k}" for k in (1, 3, 5)}
     # Fifteen minutes lie between the two: later by more the first would change places with the second.

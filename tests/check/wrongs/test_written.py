@@ -27,10 +27,10 @@ def test_an_emissivity_above_one_is_an_area(tmp_path, value, checks):
     prior = {"lognormal": {"median": 0.8, "factor": 1.02}}
     written["parameters"] = {"outside_emissivity": {"sets": "faces.outside.emissivity", "prior": prior}}
     view = prepared(*small.closed_loop(tmp_path, written))
-    (own,) = priors(view)
+    (wrong,) = priors(view)
     theta = view.problem.priors.median()
     theta[view.problem.names.index("outside_emissivity")] = value
-    told = own.words(SimpleNamespace(z=view.problem.to_z(theta), added=[9.0]))
+    told = wrong.words(SimpleNamespace(z=view.problem.to_z(theta), added=[9.0]))
     assert told.advice == f"Check the prior of outside_emissivity, and its unit{checks}"
 
 
@@ -91,14 +91,14 @@ def test_heat_from_the_earth_that_is_left_out_is_named(tmp_path, left_out):
 
 def test_a_number_of_the_sun_is_not_mended_by_one_that_cannot_be(tmp_path):
     view = prepared(*small.closed_loop(tmp_path, sunlit()))
-    tried = {own.about for own in numbers(view)}
+    tried = {wrong.about for wrong in numbers(view)}
     assert "environment.solar_constant" not in tried
     assert "faces.outside.area" in tried
 
 
 def test_of_an_area_that_is_far_too_large_insulation_is_told_too(tmp_path):
     view = prepared(*small.closed_loop(tmp_path, sunlit()))
-    advice = {own.words.title: own.words.advice for own in numbers(view) if own.about == "faces.outside.area"}
+    advice = {wrong.words.title: wrong.words.advice for wrong in numbers(view) if wrong.about == "faces.outside.area"}
     assert "whether insulation covers it" in advice["faces.outside.area is 100.0 times what it should be"]
     assert "insulation" not in advice["faces.outside.area is 2.0 times what it should be"]
 
@@ -130,7 +130,7 @@ def test_the_two_numbers_of_a_coating_are_exchanged_where_a_body_has_many_faces(
         }
     view = prepared(*small.closed_loop(tmp_path, written))
     assert view is not None
-    tried = [own.about for own in exchanged(view)]
+    tried = [wrong.about for wrong in exchanged(view)]
     assert "faces.outside.absorptivity faces.outside.emissivity" in tried
     assert "faces.drum_0.absorptivity faces.drum_1.absorptivity" not in tried
 
@@ -143,12 +143,12 @@ def test_faces_of_one_parameter_are_exchanged_with_others_once(tmp_path):
     around = {"mean": 0.5, "standard_deviation": 0.06, "lower": 0.02, "upper": 0.98}
     written["parameters"]["painted"] = {"sets": both, "prior": {"truncated_normal": around}}
     view = prepared(*small.closed_loop(tmp_path, written))
-    tried = [own for own in exchanged(view) if "outside" in own.about and own.about.count("absorptivity") == 2]
+    tried = [wrong for wrong in exchanged(view) if "outside" in wrong.about and wrong.about.count("absorptivity") == 2]
     entry = view.problem.names.index("painted")
-    moved = [own for own in tried if dict(own.moved).get(entry)]
+    moved = [wrong for wrong in tried if dict(wrong.moved).get(entry)]
     assert len(moved) == 1
     # Of each kind few are looked at closely; these take no place of priors that are far off.
-    assert {own.kind for own in exchanged(view)} == {"exchanged"}
+    assert {wrong.kind for wrong in exchanged(view)} == {"exchanged"}
     assert dict(moved[0].moved)[entry] == pytest.approx(0.4, rel=0.05)
 
 
@@ -174,7 +174,7 @@ def test_a_number_that_parts_have_in_common_is_wrong_on_all_of_them(tmp_path):
     for face in written["simulator"]["faces"].values():
         face["emissivity"] = 0.27
     scenario, _ = small.load(tmp_path, written)
-    found = {own.about: own.nats for own in named(scenario, data)}
+    found = {suspicion.about: suspicion.nats for suspicion in named(scenario, data)}
     assert max(found, key=found.get) == "faces.outside.emissivity and faces.below.emissivity"
 
 
@@ -192,7 +192,7 @@ def test_a_value_beyond_the_bounds_of_its_prior_is_named_with_what_it_is(tmp_pat
 def test_no_part_holds_far_more_heat_than_all_others(flown):
     """Such a capacity would explain every channel that hardly changes."""
     scenario, data = flown
-    titles = [own.words.title for own in numbers(prepared(scenario, data)) if ".capacity" in own.about]
+    titles = [wrong.words.title for wrong in numbers(prepared(scenario, data)) if ".capacity" in wrong.about]
     assert "nodes.panel.capacity is 0.1000 times what it should be" in titles
     assert "nodes.body.capacity is 1000 times what it should be" in titles
     assert not any("body.capacity is 0.001" in title or "panel.capacity is 0.01" in title for title in titles)
@@ -211,7 +211,7 @@ def test_a_face_whose_absorptivity_and_emissivity_are_exchanged_is_named(tmp_pat
 
 def test_values_are_told_with_their_units(flown):
     view = prepared(*flown)
-    sentences = {own.words.title: own.words.sentence for own in numbers(view)}
+    sentences = {wrong.words.title: wrong.words.sentence for wrong in numbers(view)}
     told = sentences["nodes.panel.capacity is 0.1000 times what it should be"]
     assert told == "The telemetry agrees with 8000 J/K, not 800.0 J/K."
 

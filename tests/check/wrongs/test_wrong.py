@@ -22,4 +22,4 @@ def test_a_simulation_that_fails_ends_a_family_of_wrongs_and_no_look(flown, monk
         yield
 
     monkeypatch.setattr(wrongs, "_WRONGS", (failing, swaps))
-    assert [own.kind for own in wrongs.all_wrongs(prepared(*flown))] == ["swapped"]
+    assert [wrong.kind for wrong in wrongs.all_wrongs(prepared(*flown))] == ["swapped"]

@@ -182,7 +182,7 @@ def _each(attitude: Any, change: Callable[[Any], Any]) -> Any:
     if not isinstance(attitude, AttitudeTimeline):
         return change(attitude)
     named = {name: change(kind) for name, kind in attitude.named.items()}
-    timeline = tuple(own.model_copy(update={"attitude": change(own.attitude)}) for own in attitude.timeline)
+    timeline = tuple(entry.model_copy(update={"attitude": change(entry.attitude)}) for entry in attitude.timeline)
     return attitude.model_copy(update={"named": named, "timeline": timeline})
 
 
