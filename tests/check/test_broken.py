@@ -176,6 +176,18 @@ def test_lines_between_few_readings_are_told_with_how_many_samples_they_replace(
     np.testing.assert_array_equal(np.isfinite(values) & ~suspected.useless, kept & np.isfinite(values))
 
 
+def test_lines_that_go_on_to_readings_outside_of_the_window_are_lines_too():
+    places = np.arange(200)
+    kept = places % 16 == 8
+    values = np.interp(places, places[kept], telemetry()[kept], left=np.nan)
+    inside = slice(5, 198)  # as if the first and last lines began and ended outside
+    values[:8] = values[8] + 0.5 * (places[:8] - 8)
+    values[184:] = values[184] - 0.4 * (places[184:] - 184)
+    suspected = found(values[inside].round(2), MODELLED[inside])
+    assert suspected.suspicion.kind == "interpolated"
+    assert "One of 16 samples" in suspected.suspicion.sentence
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 def test_what_rises_and_falls_in_straight_lines_is_no_interpolation(noise):
     values = 290.0 + np.abs(np.arange(200) % 60 - 35) / 4.0 + noise * np.random.default_rng(0).standard_normal(200)

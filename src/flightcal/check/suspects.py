@@ -31,7 +31,18 @@ from .jumps import Jump, in_turns, in_words, jumps
 from .misfit import misfit
 from .network_view import View
 from .prepared import prepared
-from .suspicion import BAD, NOT_IMITATED, Suspects, Suspicion, nothing_simple, ranked, suspicion_of, unexplained
+from .suspicion import (
+    BAD,
+    HELPS,
+    NOT_IMITATED,
+    Suspects,
+    Suspicion,
+    nothing_simple,
+    part_of,
+    ranked,
+    suspicion_of,
+    unexplained,
+)
 from .thermostat import copied, disobeyed, exchanged, inferred, unfollowed
 from .white_box import OF_THERMOSTATS, compared
 from .wrongs import in_other_units
@@ -41,7 +52,7 @@ _RUN_ONLY = "the simulator is no thermal network, or a reduced one: it is run, a
 _LEFT_BY_RUNS, _FAR_BY_RUNS = 0.5, 8.0
 """What one wrong may lack, and how far a parameter may then be, beside a simulator that is only run (see `ranked`):
 where a wrong is put right, how it begins is linear there."""
-_MANY = 4
+_MANY = 3
 """Channels that show the same, from which that has one reason:"""
 _OF_MANY = {
     "spike": (
@@ -62,8 +73,6 @@ _OF_MANY = {
     ),
 }
 """by kind: what they do, why, and what to do."""
-_HELPS = 30.0
-"""Nats from which what does not explain the telemetry there is worth a word."""
 _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
 """Kinds of wrongs that explain why a status that changes does not do what thresholds say; see `OF_THERMOSTATS`."""
 
@@ -110,7 +119,7 @@ def suspects(
     if misread is None:
         return judged
     by_themselves = (suspicion for suspicion in judged.found if suspicion.nats is None)
-    return replace(judged, found=(misread, *by_themselves), misfit=None)
+    return replace(judged, found=(misread, *by_themselves), misfit=None, partly=None)
 
 
 def _of_many(of_channels: Sequence[Suspicion]) -> list[Suspicion]:
@@ -220,6 +229,7 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
     if not likely and not nothing.is_usual:
         where = misfit(view, nothing.z)
         likely = unexplained(nothing, where, helps)
+    partly = None if likely or nothing.is_usual else part_of(helps, nothing)
     if likely or not nothing.is_usual:
         # What makes up for missed switches may be a capacity.
         found = [*found, *unfollowed(view.window)]
@@ -231,7 +241,7 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
     if likely and likely[0].kind == "clock":
         # Times that are wrong make spikes of what changes fast.
         every.sort(key=lambda suspicion: suspicion.kind == "spike")
-    return Suspects(tuple(every), True, "", where)
+    return Suspects(tuple(every), True, "", where, partly)
 
 
 def _misread(scenario: Scenario, telemetry: xarray.Dataset, channel: str) -> Suspicion | None:
@@ -297,7 +307,7 @@ def _beside_runs(ensemble: PriorEnsemble, found: list[Suspicion]) -> Suspects:
     named = ranked(helps, nothing, _LEFT_BY_RUNS, _FAR_BY_RUNS, BAD)
     if not named and not nothing.is_usual:
         named = unexplained(nothing, None, helps, run_only=True)
-    if not named and helps and (helps[0][1].nats or 0.0) > _HELPS:
+    if not named and helps and (helps[0][1].nats or 0.0) > HELPS:
         sentence = f"What helps most explains a part of it: {helps[0][1].title}."
         advice = "Check that first; then what the simulator has otherwise"
         named = [nothing_simple(sentence, advice)]

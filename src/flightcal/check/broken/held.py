@@ -62,6 +62,8 @@ def _on_lines(seconds: FloatArray, values: FloatArray, kept: NDArray[np.bool_]) 
     if kept.sum() < _KNOTS:
         return False
     at, known = seconds[kept], values[kept]
-    off = np.abs(values - np.interp(seconds, at, known))[~kept]
+    # Lines at the ends go on to readings outside.
+    between = ~kept & (seconds > at[0]) & (seconds < at[-1])
+    off = np.abs(values - np.interp(seconds, at, known))[between]
     bends = known[1:-1:2] - np.interp(at[1:-1:2], at[::2], known[::2])
     return bool(_NEARER * np.quantile(off, _NEARLY_ALL) < np.median(np.abs(bends)))
