@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,8 @@ _FAR = 5.0
 of them, one is there about as seldom as `CLEAR` says."""
 _FAR_BESIDE = 2.0 * _FAR
 """The same where a wrong that no model asks for leaves what is usual: an orbit is found to a tenth of a degree."""
+HELPS, _PART = 30.0, 0.7
+"""Nats from which what does not explain the telemetry is worth a word, and share that it may leave unexplained."""
 _SHOWN, _NEAR = 3, 0.2
 """So many are named at most, and only if the best is not better by `CLEAR` and by so much of what it explains."""
 
@@ -71,6 +74,8 @@ class Suspects:
     """Why it was not, where it was not, or why not in all."""
     misfit: Misfit | None = None
     """Where the model is farthest off, if it is beyond what is usual and nothing says why."""
+    partly: Suspicion | None = None
+    """What explains a part of that."""
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -141,6 +146,15 @@ def ranked(
         suspicion for _, suspicion, nats in named if most - nats < max(CLEAR, _NEAR * most) and suspicion not in whole
     ]
     return sorted([*whole, *alike][:_SHOWN], key=lambda suspicion: suspicion.kind in _LAST)
+
+
+def part_of(helps: Sequence[tuple[Fit, Suspicion]], nothing: Fit) -> Suspicion | None:
+    """What helps most, where it explains a good part of how far the model is off; the best first in `helps`."""
+    if not helps:
+        return None
+    fit, suspicion = helps[0]
+    explains = (suspicion.nats or 0.0) > HELPS and fit.lacking < _PART * nothing.lacking
+    return suspicion if explains else None
 
 
 def unexplained(

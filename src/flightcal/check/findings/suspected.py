@@ -19,8 +19,12 @@ def suspected(suspects: Suspects, *, reached: bool = True) -> list[Finding]:
         for finding in likely([asdict(suspicion) for suspicion in suspects.found])
     ]
     if suspects.misfit is not None and not compared:
+        title = "No simple wrong explains how far the model is off"
         text = f"Unmodelled heat has to make up for more than is usual. {suspects.misfit.words}"
-        found.append(Finding("warn", "No simple wrong explains how far the model is off", text))
+        if suspects.partly is not None:
+            title = f"A part of how far the model is off may be this: {suspects.partly.title}"
+            text = f"{text} The rest is of something else, or the model is too simple. {suspects.partly.advice}."
+        found.append(Finding("warn", title, text))
     if suspects.looked and not found:
         text = "Clocks, units, biases, swapped channels, status, heaters, modes, drivers and the orbit were tried."
         if suspects.why_not:
