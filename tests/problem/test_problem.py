@@ -245,6 +245,10 @@ def test_initial_priors_stand_at_the_first_samples_or_at_what_the_scenario_write
     assert (panel.mean, panel.standard_deviation) == (263.15, 5.0)
 
 
+_WARMING = [191.7, 228.9, 266.9, 291.5, 299.0, 301.0]
+"""K, of an array from the end of an eclipse on."""
+
+
 @pytest.mark.parametrize(
     ("seconds", "readings", "expected"),
     [
@@ -253,10 +257,12 @@ def test_initial_priors_stand_at_the_first_samples_or_at_what_the_scenario_write
         ([600.0, 660.0, 720.0, 780.0], [298.0, 292.0, 286.0, 280.0], 304.0),
         ([0.0, 60.0, 120.0, 180.0], [298.0, np.nan, 286.0, 280.0], 298.0),
         ([0.0, *np.arange(60.0, 1800.0, 60.0)], [400.0, *np.linspace(294.0, 126.0, 29)], 300.0),
+        ([0.0, *np.arange(60.0, 1800.0, 60.0)], [*_WARMING, *np.linspace(300.0, 299.0, 24)], _WARMING[0]),
+        ([0.0, *np.arange(60.0, 1800.0, 60.0)], [400.0, 290.0, 300.0, 310.0, *np.full(26, 310.0)], 280.0),
         ([30.0], [290.0], 290.0),
         ([0.0, 60.0, 120.0], [290.0, 290.0, 290.0], 290.0),
     ],
-    ids=["ramp", "later", "much later", "missing", "spike", "one", "constant"],
+    ids=["ramp", "later", "much later", "missing", "spike", "out of a shadow", "spike, then a step", "one", "constant"],
 )
 def test_an_initial_temperature_is_expected_where_the_first_samples_come_from(tmp_path, seconds, readings, expected):
     scenario, _ = small.closed_loop(tmp_path, small.content())

@@ -45,6 +45,8 @@ from .window import Bridged, Change, Course, Switching, Window
 _USUAL, _ODD = 0.95, 3.0
 """Share of the changes from sample to sample that are usual; a first sample so many times farther off the next is odd.
 """
+_BACK = 0.5
+"""Share of a change, by which the next one goes back after a spike, and that a later one has where it is usual too."""
 _LATER = 20.0
 """K, deviation of where a node without a channel is at a window's first sample, where that is long after its start."""
 _DRAWN, _SEED_OF_STEPS = 512, 0
@@ -327,8 +329,14 @@ def _at_start(seconds: FloatArray, readings: FloatArray) -> float:
     """
     if len(readings) == 1:
         return float(readings[0])
-    changes = np.abs(np.diff(readings))
-    k = int(np.flatnonzero(changes <= _ODD * np.quantile(changes, _USUAL))[0])
+    moves = np.diff(readings)
+    changes = np.abs(moves)
+    # A panel that leaves a shadow moves as fast as a spike, and does not come back at once.
+    back = moves[1:] * moves[:-1] < -_BACK * np.maximum(changes[1:], changes[:-1]) ** 2
+    lasting = changes * ~(np.append(back, False) | np.append(False, back))
+    later = np.append(np.maximum.accumulate(lasting[::-1])[::-1][1:], 0.0)
+    usual = np.maximum(_ODD * np.quantile(changes, _USUAL), later / _BACK)
+    k = int(np.flatnonzero(changes <= usual)[0])
     interval = seconds[k + 1] - seconds[k]
     return float(readings[k] - (readings[k + 1] - readings[k]) * min(seconds[k] / interval, 1.0))
 
