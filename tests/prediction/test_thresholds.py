@@ -42,6 +42,19 @@ def test_a_threshold_is_found_where_it_is_whatever_the_scenario_writes(tmp_path,
     assert error < 0.04
 
 
+@pytest.mark.parametrize("changed", [2.0, 5.0])
+def test_a_threshold_that_was_changed_on_board_by_kelvins_is_found(tmp_path, changed):
+    _, data = small.closed_loop(tmp_path, content_of("bias"))
+    as_flown, as_written = (drawn(tmp_path, content_of("bias", off), data) for off in (13.0, 13.0 + changed))
+    spread = np.hypot(as_flown.offsets[:, 1].std(), as_written.offsets[:, 1].std()) / np.sqrt(DRAWS)
+    found = as_written.offsets[:, 1].mean() - as_flown.offsets[:, 1].mean()
+    # The prior, by which so much is unlikely, draws it a little.
+    assert abs(found + changed) < 5 * spread + 0.05
+    mean, least = as_written.told
+    assert abs(mean[1, 0]) > abs(least[1, 0]) > abs(changed) - 0.5
+    assert abs(mean[0, 0]) < 0.3
+
+
 def test_of_a_threshold_that_is_a_parameter_only_scatter_is_found(tmp_path):
     content = content_of("bias")
     prior = {"normal": {"mean": "13 degC", "standard_deviation": "1 K"}}

@@ -180,10 +180,11 @@ def _switches(window: Window, heater: int, shifts: FloatArray, *, on: bool) -> _
     seconds = (window.times[known] - start) / np.timedelta64(1, "ns") * 1e-9 + offset
     states = status[known] > 0.5
     usual = 1.5 * float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
-    since, rows = None, []
-    for k in range(1, len(seconds)):
-        if seconds[k] - seconds[k - 1] > usual:
-            since = None
+    since: float | None = None
+    rows: list[tuple[float, float, float]] = []
+    for k in range(len(seconds)):
+        if k == 0 or seconds[k] - seconds[k - 1] > usual:
+            since = None if states[k] == on else seconds[k]
         elif states[k] != states[k - 1]:
             if states[k] == on:
                 if since is not None:
