@@ -52,6 +52,8 @@ OF_THERMOSTATS = frozenset({
     "channel clock",
 })  # fmt: skip
 """Kinds of wrongs that explain why a status does not do what thresholds say."""
+_PART = 0.25
+"""Of a number's factor, in what it does, from which it is looked at closely for how large it is."""
 _READ = 1.0
 """K, root mean square: what a sensor reads otherwise by less, a model may lack and be right."""
 
@@ -264,8 +266,22 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     if wrong.widened is not None:
         columns = point.effects[:, [wrong.widened]] * np.sqrt(WIDENED**2 - 1.0)
     gained = look.around.evidence(residual, columns, wrong.scale) - look.nothing
+    if wrong.kind == "number" and _sized(wrong):
+        gained = max(gained, _gain_of_part(view.as_read - point.temperatures - look.back, residual, look))
     # What moves the channel is read otherwise too, of which the look at all channels knows nothing.
     return gained if wrong.memory is None else max(gained, _gain_alone(view, wrong.memory, columns, look))
+
+
+def _gain_of_part(left: FloatArray, residual: FloatArray, look: _Look) -> float:
+    """Nats by which a part of a wrong is better than nothing: what is off by a third is not off by half.
+
+    left, residual: [R] K, of telemetry as it is simulated, and with all of the wrong.
+    """
+    effect = np.where(np.isfinite(left), left - residual, 0.0)
+    if not np.isfinite(effect).all():
+        return -np.inf
+    fit = look.around.fit(left, effect[:, None])
+    return fit.evidence - look.nothing if fit.added[0] > _PART else -np.inf
 
 
 def _gain_alone(view: View, memory: Memory, columns: FloatArray | None, look: _Look) -> float:

@@ -21,6 +21,17 @@ def test_a_narrow_prior_that_is_far_off_is_named(flown):
     assert (first.kind, first.about) == ("prior", "link")
 
 
+@pytest.mark.parametrize("times", [1.4, 1.0 / 1.4])
+def test_a_number_that_is_off_by_two_fifths_is_named(tmp_path, named_of, times):
+    """What it does is nearer to nothing wrong than to half or twice of it."""
+    written = boxed()
+    _, data = small.closed_loop(tmp_path, written)
+    written["simulator"]["faces"]["outside"]["absorptivity"] *= times
+    scenario, _ = small.load(tmp_path, written)
+    first = named_of(scenario, data, "written")[0]
+    assert (first.kind, first.about) == ("number", "faces.outside.absorptivity")
+
+
 @pytest.mark.parametrize(("value", "checks"), [(0.9, ""), (1.2, "; no surface has so much: check faces.outside.area")])
 def test_an_emissivity_above_one_is_an_area(tmp_path, value, checks):
     written = sunlit()

@@ -26,8 +26,10 @@ _OF_AREAS = (1e-4, 1e4)
 """Factors by which an area in cm^2 is off."""
 _COVERED = 0.1
 """Times an area, up to which a face may be one below insulation."""
+_OFF = 1.3
+"""Factor up to which a number is off as numbers are, which are known to about 10%;"""
 _MATTERS = 1.4
-"""Factor up to which a number is off as numbers are."""
+"""that by which several are off together, or two that are exchanged are apart."""
 _NONE = 10.0 * NO_LINK
 """Below, a number is not there."""
 _USUAL = {f"environment.{field}": float(getattr(Environment(), field)) for field in OF_EARTH_AND_SUN}
@@ -118,7 +120,7 @@ def _fixed_numbers(view: View) -> list[int]:
 
 
 def _near(view: View, places: Sequence[int], name: str, factor: float, tries: float) -> Iterator[Wrong]:
-    least = _MATTERS if len(places) == 1 else 1.0 + POWER
+    least = _OFF if len(places) == 1 else 1.0 + POWER
     for more in AROUND:
         times = factor * more
         if not 1.0 / least < times < least:
