@@ -14,7 +14,7 @@ from flightcal.check.network_view import HEAT
 from flightcal.check.page import _suspects
 from flightcal.check.prepared import prepared
 from flightcal.check.suspects import _of_many
-from flightcal.check.suspicion import Suspicion, ranked, unexplained
+from flightcal.check.suspicion import Suspicion, part_of, ranked, unexplained
 from flightcal.check.white_box import finalists
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heaters import obedient
@@ -368,6 +368,10 @@ def test_a_parameter_may_be_farther_off_where_an_orbit_explains_all():
         suspicion.kind for suspicion in ranked([better("orbit", after), better("bias", after)], fit(300.0, 9e4))
     ] == ["orbit"]
     assert ranked([better("orbit", fit(1.1, 35.0, farthest=6.0))], fit(300.0, 9e4)) == []
+    # And the clock of a packet where it explains nearly all.
+    for left, named_kinds in ((8.0, ["channel clock"]), (60.0, [])):
+        late = better("channel clock", fit(0.4, left, size=1.0, farthest=5.7), 120.0)
+        assert [suspicion.kind for suspicion in ranked([late], fit(0.7, 140.0))] == named_kinds
 
 
 def test_beside_a_simulator_that_is_only_run_a_wrong_that_leaves_it_far_off_is_not_named():
@@ -390,6 +394,23 @@ def test_a_wrong_that_leaves_what_is_usual_is_named_though_it_leaves_much_of_lit
         "bias"
     ]
     assert ranked([better("bias", fit(0.4, 30.0, size=4.0))], fit(0.5, 48.0)) == []
+
+
+@pytest.mark.parametrize(("nats", "kinds"), [(15.0, []), (30.0, ["gain"])])
+def test_what_explains_little_of_much_is_not_named_though_it_leaves_what_is_just_usual(nats, kinds):
+    """As a gain beside a real satellite whose model has but two nodes."""
+    found = ranked([better("gain", fit(0.75, 218.0, size=2.0), nats)], fit(0.4, 244.0))
+    assert [suspicion.kind for suspicion in found] == kinds
+
+
+@pytest.mark.parametrize(("left", "nats", "told"), [(54.0, 80.0, True), (120.0, 80.0, False), (54.0, 20.0, False)])
+def test_what_explains_a_good_part_is_a_caution(left, nats, told):
+    nothing, where = fit(0.8, 138.0), Misfit("panel_temp", 18.0, "", 18.0)
+    helps = [better("gain", fit(0.5, left), nats)]
+    assert ranked(helps, nothing) == []
+    (finding,) = suspected(Suspects((), True, "", where, part_of(helps, nothing)))
+    assert finding.state == "warn"
+    assert ("gain is wrong" in finding.title) == told
 
 
 def test_what_leaves_more_than_nothing_wrong_is_not_named():

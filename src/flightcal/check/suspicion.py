@@ -23,6 +23,8 @@ BAD, _WORSE = 2.0, 4.0
 where none does."""
 _LEFT = 0.2
 """Share of what a right model has in more than nothing wrong, that one wrong may lack and still be what is named."""
+_LITTLE = 0.1
+"""Share in nats of what a right model has in more, that a wrong explains at least which leaves what is just usual."""
 _NO_MORE = 2.0
 """Nats by which it may lack more than nothing wrong: what is more probable and fits worse makes up for something."""
 NOT_IMITATED = frozenset({"clock", "orbit", "attitude", "driver"})
@@ -37,7 +39,8 @@ _FAR = 5.0
 """Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
 of them, one is there about as seldom as `CLEAR` says."""
 _FAR_BESIDE = 2.0 * _FAR
-"""The same where a wrong that no model asks for leaves what is usual: an orbit is found to a tenth of a degree."""
+"""The same where a wrong that no model asks for leaves what is usual, or a packet's clock nearly nothing: an orbit is
+found to a tenth of a degree, and a clock to half a minute."""
 HELPS, _PART = 30.0, 0.7
 """Nats from which what does not explain the telemetry is worth a word, and share that it may leave unexplained."""
 _SHOWN, _NEAR = 3, 0.2
@@ -111,7 +114,8 @@ def ranked(
     simple model asks for; and nothing is far off."""
 
     def is_near(fit: Fit, suspicion: Suspicion) -> bool:
-        beside = fit.is_usual and suspicion.kind in NOT_IMITATED
+        late = suspicion.kind == "channel clock" and fit.lacking < left * nothing.lacking
+        beside = fit.is_usual and (suspicion.kind in NOT_IMITATED or late)
         return fit.farthest < (max(far, _FAR_BESIDE) if beside else far)
 
     near = [(fit, suspicion, suspicion.nats or 0.0) for fit, suspicion in best if is_near(fit, suspicion)]
@@ -120,7 +124,8 @@ def ranked(
     def explains(fit: Fit, suspicion: Suspicion, nats: float) -> bool:
         much = fit.lacking < left * nothing.lacking or (suspicion.kind in NOT_IMITATED and nats > enough)
         no_more = fit.lacking <= nothing.lacking + _NO_MORE
-        return (fit.is_usual and no_more) or (much and fit.misfit < bad)
+        enough_of_it = nats > _LITTLE * nothing.lacking
+        return (fit.is_usual and no_more and enough_of_it) or (much and fit.misfit < bad)
 
     least = min((nats for fit, suspicion, nats in near if explains(fit, suspicion, nats)), default=np.inf)
     # What explains still more, odds counted, is no less likely for leaving more.
