@@ -20,8 +20,8 @@ _SIZES = ("lower", "upper", "mean", "standard_deviation", "median", "scale")
 """Arguments of priors that are in the unit of what they are of."""
 _FAR_OUT = 5.0
 """Standard deviations from a truncated normal's mean to its bounds, beyond which sampling it fails."""
-_NEVER = 6.0
-"""Standard deviations from a normal prior's middle, beyond which no draw is that matters: one of 10^9."""
+_NEVER = 5.0
+"""Standard deviations from a normal prior's middle, beyond which no draw is that matters: one of 10^6."""
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Issue]:
@@ -112,13 +112,13 @@ def _beyond(kind: str, lower: float, upper: float, number: Settable, target: str
     """Where a prior that reaches from one number to another leaves what the quantity can be."""
     two_ends = "uniform, beta or truncated_normal"
     one_end = "lognormal or truncated_normal" if math.isinf(number.upper) else two_ends
-    for beyond, end, limit, name, down, least, advice in (
-        (lower < number.lower, lower, number.lower, "lower", "down", "at least", one_end),
-        (upper > number.upper, upper, number.upper, "upper", "up", "at most", two_ends),
+    for beyond, end, limit, side, down, least, advice in (
+        (lower < number.lower, lower, number.lower, "below", "down", "at least", one_end),
+        (upper > number.upper, upper, number.upper, "above", "up", "at most", two_ends),
     ):
         expected = f"expected {f'{least} {limit:g} {number.unit}'.strip()}{target}"
         if beyond and math.isinf(end):
-            found = f"found a {kind} prior, which has no {name} end and is beyond {limit:g} at {_NEVER:g} deviations"
+            found = f"found a {kind} prior, which goes {side} {limit:g} within {_NEVER:g} deviations"
             return f"{found}, {expected}: use {advice}"
         if beyond:
             return f"{f'found a prior that reaches {down} to {end:g} {number.unit}'.strip()}, {expected}"
