@@ -233,7 +233,7 @@ def _turned(view: View, attitude: SpinningAttitude, phases: FloatArray, around: 
     """A spinner is turned by so many deg at its epoch."""
     for phase in phases.tolist():
         words = Words(
-            f"The satellite is turned by {phase % 360.0:.0f} deg about the axis that it spins about",
+            f"The phase of the spin is {phase % 360.0:.0f} deg, not {np.degrees(attitude.phase) % 360.0:.0f} deg",
             f"With a phase of {phase % 360.0:.0f} deg, sunlight and Earth's heat explain the telemetry.",
             f"Write 'phase: {phase % 360.0:.0f} deg' in 'environment: attitude', or check 'epoch' and 'period'",
         )
