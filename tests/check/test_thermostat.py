@@ -5,6 +5,7 @@ import pytest
 
 from flightcal.check.thermostat import copied, disobeyed, exchanged, inferred, unfollowed
 from flightcal.problem import build_window
+from flightcal.words import moment
 from tests import small
 
 from .cases import named
@@ -44,6 +45,24 @@ def test_a_thermostat_that_switches_elsewhere_is_told_by_its_switches(tmp_path):
     assert off_by == pytest.approx(2.3, abs=0.3)
     less = {"body_temp": ("time", data["body_temp"].values + 1.5)}
     assert list(disobeyed(build_window(scenario, data.assign(less), "train"))) == []
+
+
+def test_thresholds_that_were_changed_in_the_window_are_told_with_the_time(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    window = build_window(scenario, data, "train")
+    half = len(window.times) // 2
+
+    def with_shift(shift):
+        moved = data["body_temp"].values + np.where(data["time"].values >= window.times[half], shift, 0.0)
+        return list(disobeyed(build_window(scenario, data.assign(body_temp=("time", moved)), "train")))
+
+    ((told, constant),) = with_shift(-1.8)
+    switches = window.times[1:][np.diff(window.status[:, 0]) != 0.0]
+    first = switches[switches >= window.times[half]][0]
+    assert (told.kind, told.about, constant) == ("thermostat", "heater", False)
+    assert f"from {moment(first)} UTC on" in told.title
+    assert float(told.sentence.rpartition("by ")[2].split()[0].replace("−", "-")) == pytest.approx(-1.8, abs=0.3)
+    assert with_shift(-0.7) == []
 
 
 def test_a_heater_is_known_to_be_off_where_its_sensor_is_always_warm(tmp_path):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..problem import Window, pinned_heaters
 from ..scenario import ICE_POINT, Scenario, SimulatorModel
 from ..simulator import FloatArray
-from ..words import number
+from ..words import moment, number
 from .compared_window import known_thermostats
 from .samples import noise_of
 from .suspicion import Suspicion
@@ -25,6 +25,8 @@ _GAP = 3.0
 """Usual times between samples, over which a status that is the same at both ends was so all the time."""
 _SWITCHES = 4
 """Which two thermostats do not share by chance, and which tell where one switches."""
+_CHANGED, _TIMES = 1.0, 4.0
+"""K and deviations of both parts, beyond which the switches of a part of the window are off those of the rest."""
 _APART, _MENDED = 1.0, 0.3
 """K in the mean of its switches, from which a sensor is off its thresholds, and what share of it is left at most with
 those of another heater, where they are exchanged."""
@@ -82,19 +84,56 @@ def disobeyed(window: Window) -> Iterator[tuple[Suspicion, bool]]:
             yield suspicion, bool(np.ptp(on[known]) == 0.0)
             break
         else:
-            off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
-            mean = float(off.mean()) if len(off) else 0.0
-            least = _BEYOND + _NOISES * noise_of(read) / max(len(off), 1) ** 0.5
-            if len(off) >= _SWITCHES and abs(mean) > least and ((off > 0.0).all() or (off < 0.0).all()):
-                suspicion = Suspicion(
-                    "thermostat",
-                    name,
-                    f"{name} does not do what its thresholds say",
-                    f"At all of its {len(off)} switches {channel} is {'above' if mean > 0.0 else 'below'} its "
-                    f"thresholds, by {number(abs(mean), 2)} K in the mean.",
-                    f"Check the 'sensor' and the thresholds of {name}, and {channel}",
-                )
-                yield suspicion, False
+            beside = _beside_thresholds(window, name, place, channel)
+            if beside is not None:
+                yield beside, False
+
+
+def _beside_thresholds(window: Window, name: str, place: int, channel: str) -> Suspicion | None:
+    """What is said of a heater that switches beside its thresholds, or from a time on at others than before."""
+    heater, read = window.scenario.network.switches[name], _readings(window, channel)
+    at, off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
+    mean, noise = float(off.mean()) if len(off) else 0.0, noise_of(read)
+    least = _BEYOND + _NOISES * noise / max(len(off), 1) ** 0.5
+    if len(off) >= _SWITCHES and abs(mean) > least and ((off > 0.0).all() or (off < 0.0).all()):
+        return Suspicion(
+            "thermostat",
+            name,
+            f"{name} does not do what its thresholds say",
+            f"At all of its {len(off)} switches {channel} is {'above' if mean > 0.0 else 'below'} its "
+            f"thresholds, by {number(abs(mean), 2)} K in the mean.",
+            f"Check the 'sensor' and the thresholds of {name}, and {channel}",
+        )
+    first = _changed(off, _CHANGED + _NOISES * noise)
+    if first is None:
+        return None
+    before, later = (number(float(some.mean()), 2) for some in (off[:first], off[first:]))
+    return Suspicion(
+        "thermostat",
+        name,
+        f"{name} switches at other temperatures from {moment(at[first])} UTC on",
+        f"At the {first} switches before, {channel} is off them by {before} K in the mean, and at the "
+        f"{len(off) - first} from then on by {later} K.",
+        f"Ask when the thresholds of {name} were changed on board; train after that, with those that hold since",
+    )
+
+
+def _changed(off: FloatArray, least: float) -> int | None:
+    """From which of the switches [s] on they are off their thresholds by so many K more or less; None: from none on.
+
+    Those before are alike, and those from then on.
+    """
+    best, found = np.inf, None
+    for first in range(_SWITCHES, len(off) - _SWITCHES + 1):
+        before, after = off[:first], off[first:]
+        left = float(np.sum((before - before.mean()) ** 2) + np.sum((after - after.mean()) ** 2))
+        if left < best:
+            best, found = left, first
+    if found is None:
+        return None
+    step = abs(float(off[found:].mean() - off[:found].mean()))
+    alike = float(np.sqrt(best / len(off)))
+    return found if step > max(least, _TIMES * alike) else None
 
 
 def exchanged(window: Window) -> Iterator[Suspicion]:
@@ -133,21 +172,21 @@ def _off(window: Window, thermostat: tuple[str, int, str], of: str) -> float:
     """
     _, place, channel = thermostat
     heater, read = window.scenario.network.switches[of], _readings(window, channel)
-    off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
+    _, off = _at_switches(window.times, read, window.status[:, place], heater.on_below, heater.off_above)
     return abs(float(off.mean())) if len(off) >= _SWITCHES // 2 else np.nan
 
 
 def _at_switches(
     times: NDArray[np.datetime64], read: FloatArray, status: FloatArray, on_below: float, off_above: float
-) -> FloatArray:
-    """K [s] by which readings [T] are above the threshold at which a status [T] changes, between two of its samples.
+) -> tuple[NDArray[np.datetime64], FloatArray]:
+    """Times [s] of changes of a status [T], and K [s] by which readings [T] are above the threshold there.
 
     Readings and status may be of different times.
     """
     seconds = (times - times[0]) / np.timedelta64(1, "s")
     known, valid = np.flatnonzero(np.isfinite(status)), np.flatnonzero(np.isfinite(read))
     if min(len(known), len(valid)) < 2:
-        return np.empty(0)
+        return times[:0], np.empty(0)
     before = np.flatnonzero(np.diff(status[known]) != 0.0)
     first, last = seconds[known[before]], seconds[known[before + 1]]
     at = 0.5 * (first + last)
@@ -157,7 +196,8 @@ def _at_switches(
         last - first <= _GAP * np.median(np.diff(seconds[known]))
     )
     threshold = np.where(status[known[before + 1]] > 0.5, on_below, off_above)
-    return np.asarray((np.interp(at, seconds[valid], read[valid]) - threshold)[near])
+    off = np.interp(at, seconds[valid], read[valid]) - threshold
+    return times[known[before + 1]][near], np.asarray(off[near])
 
 
 def _between(times: NDArray[np.datetime64], status: FloatArray) -> FloatArray:
