@@ -73,7 +73,7 @@ _OF_MANY = {
     ),
 }
 """by kind: what they do, why, and what to do."""
-_OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
+_OF_READINGS = frozenset({"gain", "drift", "curve", "slow", "earlier mean"})
 """Kinds of wrongs that explain why a status that changes does not do what thresholds say; see `OF_THERMOSTATS`."""
 
 

@@ -66,3 +66,13 @@ def test_what_means_hold_from_beyond_the_window_is_not_known(flown, named_of):
     first = named_of(scenario, means, "slow", "channels")[0]
     assert (first.kind, first.about) == ("slow", "panel_temp")
     assert "smoothed" in first.title
+
+
+def test_a_mean_of_the_time_before_each_sample_is_no_clock_that_is_late(flown, named_of):
+    scenario, data = flown
+    earlier = np.pad(data["panel_temp"].values, (30, 0), mode="edge")
+    means = spoilt(data, panel_temp=np.convolve(earlier, np.ones(31) / 31.0, mode="valid"))
+    first = named_of(scenario, means, "slow", "channels", "clocks")[0]
+    assert (first.kind, first.about) == ("earlier mean", "panel_temp")
+    assert first.title.startswith("panel_temp is the mean of the ")
+    assert float(first.title.split()[-3]) == pytest.approx(31.0, rel=0.3)

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
 from ...simulator import FloatArray
 from ..network_view import Memory, View
-from .wrong import Words, Wrong, as_long, minutes
+from .wrong import Kind, Words, Wrong, as_long, minutes
 
 _LAGS = (300.0, 900.0, 2700.0)
 """s"""
 _WIDTHS = (600.0, 1200.0, 2400.0)
 """s"""
+_BEFORE = (0.5, 1.0)
+"""Share of the time of a mean that is before its sample."""
 _LONGEST = 5400.0
 """s: what is slower is no sensor, and no mean that somebody takes."""
 _AROUND = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)
@@ -58,32 +61,38 @@ def _begun(view: View, memory: Memory) -> FloatArray:
     return _BEGUN * np.concatenate([seen.begun_of(place)[:, None], left], axis=1)
 
 
-def means(view: View, seconds: Sequence[float] = _WIDTHS, only: str | None = None) -> Iterator[Wrong]:
-    """A channel has means over the time before and after each sample."""
-
-    def words(channel: str, width: float) -> Words:
-        return Words(
-            f"{channel} is smoothed over {minutes(width)}",
-            f"{channel} agrees with means of the model over {minutes(width)}, and not with the model itself.",
-            f"Take the samples of {channel} as they were sent",
-        )
-
+def means(
+    view: View, seconds: Sequence[float] = _WIDTHS, only: str | None = None, shares: Sequence[float] = _BEFORE
+) -> Iterator[Wrong]:
+    """A channel has means over the time around each sample, or before it. shares: of that time, those before."""
     chosen = _chosen(view, only)
-    for size in seconds:
-        for wrong in _slow(view, chosen, size, _share_of_mean, words, means):
+    for before, size in product(shares, seconds):
+
+        def words(channel: str, width: float, before: float = before) -> Words:
+            what = f"smoothed over {minutes(width)}" if before < 1.0 else f"the mean of the {minutes(width)} before"
+            return Words(
+                f"{channel} is {what}",
+                f"{channel} agrees with means of the model over {minutes(width)}, and not with the model itself.",
+                f"Take the samples of {channel} as they were sent",
+            )
+
+        for wrong in _slow(
+            view, chosen, size, partial(_share_of_mean, before), words, partial(means, shares=(before,))
+        ):
             assert wrong.memory is not None
-            yield replace(wrong, columns=_not_told(view, wrong.memory, size))
+            kind: Kind = "slow" if before < 1.0 else "earlier mean"
+            yield replace(wrong, kind=kind, columns=_not_told(view, wrong.memory, size, before))
 
 
-def _not_told(view: View, memory: Memory, width: float) -> FloatArray:
+def _not_told(view: View, memory: Memory, width: float, before: float) -> FloatArray:
     """[R, k] K that the first mean does not tell: where its node begins, and what means hold of pieces of the time
-    before and after the window. All are off by about what the node changes in half such a time.
+    before the window, and after it. All are off by about what the node changes in half such a time.
     """
     channel = memory.channel
     first, last = view.seconds[[0, -1]]
-    reach = 0.5 * width * np.linspace(0.0, 1.0, _PIECES + 1)
-    edges = (first - reach[::-1], last + reach)
-    shares = [np.diff(_share_of_mean(width, edge - view.rows.seconds[:, None]), axis=1) for edge in edges]
+    reach = width * np.linspace(0.0, 1.0, _PIECES + 1)
+    edges = [first - before * reach[::-1]] + ([last + (1.0 - before) * reach] if before < 1.0 else [])
+    shares = [np.diff(_share_of_mean(before, width, edge - view.rows.seconds[:, None]), axis=1) for edge in edges]
     known, later = view.modelled_of(channel), np.clip(view.rows.seconds + 0.5 * width, None, view.rows.seconds[-1])
     change = float(np.sqrt(np.mean((np.interp(later, view.rows.seconds, known) - known) ** 2)))
     begun = replace(view, memory=memory).begun_of(channel)[:, None]
@@ -112,9 +121,9 @@ def _share_of_lag(lag: float, later: FloatArray) -> FloatArray:
     return np.asarray(np.exp(np.minimum(later, 0.0) / lag))
 
 
-def _share_of_mean(width: float, later: FloatArray) -> FloatArray:
-    """The same of a mean around the sample."""
-    return np.asarray(np.clip(later / width + 0.5, 0.0, 1.0))
+def _share_of_mean(before: float, width: float, later: FloatArray) -> FloatArray:
+    """The same of a mean of which such a share is of the time before the sample."""
+    return np.asarray(np.clip(later / width + before, 0.0, 1.0))
 
 
 def _weights(view: View, share: Callable[[FloatArray], FloatArray]) -> FloatArray:

@@ -24,12 +24,12 @@ Kind = Literal[
     "clock", "status clock", "channel clock", "driver clock", "bias", "swapped", "unit", "other node", "unrelated",
     "doubled", "status inverted", "statuses swapped", "heater", "thresholds", "missing heat", "mode", "driver",
     "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift", "curve", "slow", "between", "eclipse",
-    "thermostat", "constant heat", "exchanged",
+    "earlier mean", "thermostat", "constant heat", "exchanged",
 ]  # fmt: skip
 _RARE: Mapping[Kind, float] = {
     "orbit": 3.0, "face": 3.0, "unit": 3.0, "channel clock": 3.0, "driver clock": 3.0, "slow": 3.0, "between": 3.0,
-    "constant heat": 5.0, "exchanged": 5.0, "number": 5.0, "link": 5.0, "prior": 5.0, "unrelated": 10.0,
-    "thresholds": 20.0, "thermostat": 30.0,
+    "earlier mean": 3.0, "constant heat": 5.0, "exchanged": 5.0, "number": 5.0, "link": 5.0, "prior": 5.0,
+    "unrelated": 10.0, "thresholds": 20.0, "thermostat": 30.0,
 }  # fmt: skip
 """So many times as rare a kind is as a slip of the pen or a fault of a sensor or heater: judged, not counted.
 
