@@ -221,7 +221,7 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
     odd = list(disobeyed(view.window))
     try:
         nothing, helps = _tried(view, [suspicion.about for suspicion, _ in odd], progress)
-        likely, where = ranked(helps, nothing), None
+        likely, where, partly = ranked(helps, nothing), None, None
         if likely and likely[0].kind == "unrelated":
             likely = [*_beside_the_unrelated(view, likely, progress), *likely]
     except SimulationFailure as failure:
@@ -229,7 +229,7 @@ def _beside_a_network(view: View, found: list[Suspicion], progress: Progress) ->
     if not likely and not nothing.is_usual:
         where = misfit(view, nothing.z)
         likely = unexplained(nothing, where, helps)
-    partly = None if likely or nothing.is_usual else part_of(helps, nothing)
+        partly = None if likely else part_of(helps, nothing)
     if likely or not nothing.is_usual:
         # What makes up for missed switches may be a capacity.
         found = [*found, *unfollowed(view.window)]

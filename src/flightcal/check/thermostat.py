@@ -123,16 +123,15 @@ def _changed(off: FloatArray, least: float) -> int | None:
 
     Those before are alike, and those from then on.
     """
-    best, found = np.inf, None
-    for first in range(_SWITCHES, len(off) - _SWITCHES + 1):
-        before, after = off[:first], off[first:]
-        left = float(np.sum((before - before.mean()) ** 2) + np.sum((after - after.mean()) ** 2))
-        if left < best:
-            best, found = left, first
+
+    def spread(first: int) -> float:
+        return float(np.sum((off[:first] - off[:first].mean()) ** 2) + np.sum((off[first:] - off[first:].mean()) ** 2))
+
+    found = min(range(_SWITCHES, len(off) - _SWITCHES + 1), key=spread, default=None)
     if found is None:
         return None
     step = abs(float(off[found:].mean() - off[:found].mean()))
-    alike = float(np.sqrt(best / len(off)))
+    alike = float(np.sqrt(spread(found) / len(off)))
     return found if step > max(least, _TIMES * alike) else None
 
 

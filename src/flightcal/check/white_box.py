@@ -65,6 +65,8 @@ class _Look:
     around: Gaussian
     back: FloatArray
     """[R] K from the point to the centre of the prior, in the linear approximation."""
+    left: FloatArray
+    """[R] K, of the telemetry with nothing wrong."""
     nothing: float
     """Evidence with nothing wrong."""
 
@@ -158,13 +160,12 @@ def _is_nearer(view: View, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
 def _by_what_is_left(view: View, look: _Look) -> Iterator[Wrong]:
     """What comes and goes where nothing wrong leaves something of the telemetry: heat, another attitude or mode."""
     point = look.around.point
-    left = view.as_read - point.temperatures - look.back
 
     def weights(effects: FloatArray) -> FloatArray:
-        return look.around.fit(left, effects).added
+        return look.around.fit(look.left, effects).added
 
     def nats(effects: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return look.around.gained(left, effects)
+        return look.around.gained(look.left, effects)
 
     with suppress(SimulationFailure):
         yield from now_and_then(view, point.z, weights)
@@ -235,8 +236,8 @@ def _sized(wrong: Wrong) -> bool:
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
     around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
     back = point.effects @ ((view.middle - point.z) / view.spread)
-    level = around.evidence(view.as_read - point.temperatures - back)
-    return _Look(around, back, level)
+    left = view.as_read - point.temperatures - back
+    return _Look(around, back, left, around.evidence(left))
 
 
 def _gain_or_none(view: View, wrong: Wrong, look: _Look) -> float:
@@ -267,20 +268,20 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
         columns = point.effects[:, [wrong.widened]] * np.sqrt(WIDENED**2 - 1.0)
     gained = look.around.evidence(residual, columns, wrong.scale) - look.nothing
     if wrong.kind == "number" and _sized(wrong):
-        gained = max(gained, _gain_of_part(view.as_read - point.temperatures - look.back, residual, look))
+        gained = max(gained, _gain_of_part(residual, look))
     # What moves the channel is read otherwise too, of which the look at all channels knows nothing.
     return gained if wrong.memory is None else max(gained, _gain_alone(view, wrong.memory, columns, look))
 
 
-def _gain_of_part(left: FloatArray, residual: FloatArray, look: _Look) -> float:
+def _gain_of_part(residual: FloatArray, look: _Look) -> float:
     """Nats by which a part of a wrong is better than nothing: what is off by a third is not off by half.
 
-    left, residual: [R] K, of telemetry as it is simulated, and with all of the wrong.
+    residual: [R] K, with all of it.
     """
-    effect = np.where(np.isfinite(left), left - residual, 0.0)
+    effect = np.where(np.isfinite(look.left), look.left - residual, 0.0)
     if not np.isfinite(effect).all():
         return -np.inf
-    fit = look.around.fit(left, effect[:, None])
+    fit = look.around.fit(look.left, effect[:, None])
     return fit.evidence - look.nothing if fit.added[0] > _PART else -np.inf
 
 

@@ -68,7 +68,7 @@ def draw_thresholds(
     seen = [
         (
             np.stack([window.network.thresholds(numbers) for numbers in theta[:, window.simulated]]),
-            list(passages(window, theta, heat, shift)),
+            passages(window, theta, heat, shift),
         )
         for window, theta, heat, shift in zip(windows, thetas, heats, shifts, strict=True)
     ]
